@@ -1,21 +1,27 @@
-"""Record of a check: what `mjsheaf check --json` prints, with the meaning of each field."""
+"""Record of a check: what `mjsheaf check --json` prints, with the meaning of each field; and the problems in it.
 
+Each problem has its reason and the smallest change that removes it. There is one list. The screen, the title of plots,
+the message of exit code 1 and the JSON are made from it. A check is ok if it is empty and the trial found nothing.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pydantic import Field
 
-from mjsheaf.checking.fragility import Fragility
-from mjsheaf.checking.loop.disturbance import DisturbanceRecord
 from mjsheaf.checking.loop.held_law import LawLoop
-from mjsheaf.checking.loop.links import LinkRecord
+from mjsheaf.checking.loop.linear_law import because_of
+from mjsheaf.checking.loop.links import UNSTABLE_LINKS, LinkRecord
 from mjsheaf.checking.loop.margins import Margins
-from mjsheaf.checking.loop.prediction import SteadyError
+from mjsheaf.checking.loop.prediction import DisturbanceRecord, SteadyError
 from mjsheaf.checking.repairs import Augmentation, Rigidity
-from mjsheaf.checking.separation import SafetyRecord
-from mjsheaf.checking.spectrum import RelativeCohomology
+from mjsheaf.checking.separation import MOSTLY, SafetyRecord
+from mjsheaf.checking.spectrum import Fragility, RelativeCohomology
 from mjsheaf.checking.theorem.certificate import Assumption
 from mjsheaf.checking.theorem.targets import TargetsLoop
 from mjsheaf.checking.trial import TrialRecord
+from mjsheaf.errors import listed
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 
 
@@ -208,4 +214,324 @@ class CheckRecord(PartRecord):
     )
     notes: list[str] = Field(
         default_factory=list, description="values in the files that look like mistakes, in sentences"
+    )
+
+
+# -- problems ----------------------------------------------------------------------------------------------------------
+
+
+_FIXES = {
+    1: "give singular parts of the flow a `core` radius",
+    2: "give this vehicle thrusters, or `steering`, that push along every axis",
+    4: "as for assumption 2",
+}
+_UNITS = {"gain": " 1/s", "rate": " 1/s", "velocity_limit": " m/s"}  # of fields that a fix sets
+_SPARE = 1.2  # factor between the required speed or rate and the proposed one
+
+
+def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
+    """Return why the analysis of a team and its law is not ok.
+
+    Args:
+        part: Record of the analysis.
+        stable: True if the law is known to be stable; it counts for teams that Theorem 1 is not about.
+    """
+    return [
+        *_of_assumptions(part),
+        *(_of_shape(part, stable=stable) if part.theorem.holds is None else ()),
+        *_of_loops(part),
+        *_of_speeds(part),
+        *(_of_room(part.safety, part.margins.bodies.period) if part.safety is not None else ()),
+    ]
+
+
+def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) -> list[Problem]:
+    """Return what the analysis leaves undecided and a trial decides.
+
+    That is the loop of boats that have no linear model, and of slow vehicles over links that delay or lose much: more
+    than by the largest phase at the crossover, rad.
+    """
+    parts: list[PartRecord] = [record, *record.phases]
+    for part in parts:
+        bodies = part.margins.bodies
+        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > largest
+        if bodies.stable is None and undecided:
+            return [
+                Problem(
+                    kind="untried",
+                    what="the vehicles' loop is undecided, and the mission was not tried",
+                    why=bodies.reason,
+                )
+            ]
+    return []
+
+
+def reasons_of(record: CheckRecord) -> list[str]:
+    """Return why a check is not ok, in sentences; a refused run adds nothing to what the analysis found."""
+    found = [str(problem) for problem in record.problems]
+    tried = [] if record.trial is None else record.trial.problems
+    return found + [problem.text for problem in tried if not (found and problem.kind == "refused")]
+
+
+def describe_tried(problem: Problem) -> str:
+    """Return what came of trying a fix, in a sentence; empty without a fix."""
+    tried = problem.tried
+    if tried is None:
+        return "(Not tried.)" if problem.fix else ""
+    before = "" if tried.without is None else f" instead of {tried.without:.3g} m"
+    if tried.tracking_error is None:
+        return f"Tried: {tried.problem}."
+    error = f"Tried: the tracking error is {tried.tracking_error:.3g} m{before}"
+    if tried.ok and tried.without is not None and tried.tracking_error > tried.without:
+        return f"{error}, which is no better."
+    return f"{error}." if tried.ok else f"{error}, but {tried.problem}."
+
+
+def headline(record: CheckRecord) -> str:
+    """Return a check in one sentence: OK or NOT OK, and why."""
+    if not record.ok:
+        first = {problem.kind: problem.what for problem in reversed(record.problems)}
+        kinds = dict.fromkeys(problem.kind for problem in record.problems)
+        tried = reasons_of(record)[len(record.problems) :]
+        return "NOT OK: " + "; ".join([*(first[kind] for kind in kinds), *tried])
+    every = (
+        "all 7 assumptions hold"
+        if all(a.verdict == "holds" for a in record.assumptions)
+        else "all assumptions that apply hold"
+    )
+    every += ", the formation is rigid" if record.theorem.holds is None and record.rigidity.rigid else ""
+    on_vehicles = " and on the vehicles" if record.margins.bodies.stable else ""
+    stable = f", the loop is stable on ideal kinematics{on_vehicles}" if record.law.stable else ""
+    if record.trial is None:
+        outcome = "; not tried"
+    elif record.trial.complete:
+        outcome = ", and the mission worked when tried"
+    else:
+        outcome = f", and the first {record.trial.seconds:g} s of the mission worked when tried"
+    return f"OK: {every}{stable}{outcome}"
+
+
+def _of_assumptions(part: PartRecord) -> Iterator[Problem]:
+    """Yield the assumptions that do not hold; of a team that Theorem 1 is not about, those on topology."""
+    for a in part.assumptions:
+        if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6)):
+            word = "fails" if a.verdict == "fails" else "is undecided"
+            fix = _FIXES.get(a.number, "")
+            additions: dict[str, list[Any]] = {}
+            plan = part.relative_cohomology.mending
+            if a.number == 5:
+                fix = part.topology_fix
+                additions = {**part.topology_edges}
+            elif a.number == 6 and plan is not None:
+                fix = "; ".join(repair.description for repair in plan.repairs)
+                for repair in plan.repairs:
+                    additions.setdefault("anchors" if repair.kind == "anchor" else repair.kind, []).append(repair.entry)
+            yield Problem(
+                kind=f"assumption_{a.number}",
+                what=f"assumption {a.number} {word}",
+                why=f"{a.witness} (assumed: {a.name})",
+                fix=fix,
+                additions=additions,
+            )
+
+
+def _of_shape(part: PartRecord, *, stable: bool) -> Iterator[Problem]:
+    """Yield why a team that Theorem 1 is not about does not, or may not, hold its shape."""
+    shape = part.rigidity
+    if shape.localizable is None and shape.rigid is not True:
+        why = (
+            "the rank of its edges is not known"
+            if shape.rank is None
+            else f"its edges have rank {shape.rank} of {shape.needed}"
+        )
+        edges = shape.bracing.edges if shape.bracing else []
+        fix = shape.bracing.describe() if shape.bracing else ""
+        additions = {"communication": [edge.model_dump(mode="json") for edge in edges]} if edges else {}
+        yield Problem(kind="rigid", what="the formation is not rigid", why=why, fix=fix, additions=additions)
+    if shape.localizable is False and part.law.stable is not None:
+        yield Problem(kind="place", what="targets and anchors do not hold every agent's place")
+    if not stable and part.law.stable is None and not part.law.unmodelled:
+        yield Problem(kind="undecided", what="the law is undecided", why=part.law.reason)
+
+
+def _of_loops(
+    part: PartRecord,
+    *,
+    reserve: float = 0.5,  # fraction of the largest gain that is proposed
+) -> Iterator[Problem]:
+    """Yield the loops that are undecided or unstable."""
+    law = part.law
+    links = part.links
+    bodies = part.margins.bodies
+    late = math.inf if links is None else links.delay.largest_gain or math.inf
+    late = min(late, bodies.largest_gain or math.inf)
+    if law.unmodelled:
+        yield Problem(kind="undecided", what=f"the law is undecided, {because_of(law.unmodelled)}")
+    if law.stable is False and law.stable_gains is None:
+        yield Problem(kind="held_law", what="the held law is unstable at any controller.gain")
+    elif law.stable is False and law.stable_gains is not None:
+        low, high = law.stable_gains
+        why = f"controller.gain is stable between {low:.3g} and {high:.3g} 1/s"
+        yield _of_gain("held_law", "the held law is unstable", why, low + reserve * (min(high, late) - low))
+    if links is not None and links.stable is False and not (links.exact and law.stable is False):
+        known = links.delay_margin is not None and not links.delay.stable
+        why = f"it tolerates {links.delay_margin:.6g} s of delay" if known else ""
+        mends = links.loss is None and links.delay.largest_gain is not None  # a lower gain alone
+        yield _of_gain(
+            "links", UNSTABLE_LINKS, why, reserve * late if mends else None, ", or use links with less delay and loss"
+        )
+    if bodies.stable is False:
+        yield _of_gain("bodies", bodies.verdict(), gain=reserve * late if bodies.largest_gain is not None else None)
+    elif bodies.stable is None and bodies.stable_over_exact_links is False:
+        yield _of_gain("bodies", "the vehicles' loop is unstable, even if links were exact")
+    elif bodies.stable is None and not law.terms and _late_phase(part, min(bodies.tau)) > 0.5 * math.pi:
+        why = "measurements are too old for vehicles that are as slow"
+        yield _of_gain(
+            "bodies", "the vehicles' loop is unstable over its links", why, another=", or use links with less delay"
+        )
+    for name, (taken, top) in part.margins.slow_targets.items():
+        yield Problem(
+            kind="targets",
+            what=f"{name} is slower than its path ({top:.3g} of {taken:.3g} m/s)",
+            why=f"through the medium, the path of {name} takes {taken:.3g} m/s, and the top speed of its vehicle is "
+            f"{top:.3g} m/s",
+            fix="a slower motion, or a faster vehicle",
+        )
+    if part.targets.unstable:
+        yield Problem(kind="targets", what=part.targets.verdict())
+
+
+def _of_gain(kind: str, what: str, why: str = "", gain: float | None = None, another: str = "") -> Problem:
+    """Return a problem that a gain in 1/s removes, None where it is not known, or another change."""
+    changes = {} if gain is None else {"controller.gain": _round(gain)}
+    fix = describe_changes(changes) if changes else "lower controller.gain"
+    return Problem(kind=kind, what=what, why=why, fix=fix + another, changes=changes)
+
+
+def describe_changes(changes: Mapping[str, float]) -> str:
+    """Describe the fields that a fix sets."""
+    return " and ".join(
+        f"set {name} to {value:g}{_UNITS.get(name.split('.')[-1], '')}" for name, value in changes.items()
+    )
+
+
+def _late_phase(part: PartRecord, tau: float) -> float:
+    """Return by how much delay and inertia turn the fastest mode at its crossover, rad; 0 where it is not known.
+
+    Of vehicles that follow a command with the time constant tau, s, the loop k1 lambda e^(-s d) / (s (1 + tau s)) has
+    the gain 1 at omega^2 = (sqrt(1 + 4 tau^2 k1^2 lambda^2) - 1) / (2 tau^2). It is stable if atan(omega tau) + omega d
+    is below pi / 2; terms of the law are left out. The delay d is that of the links, half a period, and the mean age of
+    measurements that are held because later ones were lost.
+    """
+    links, hold = part.links, part.margins.hold
+    if links is None or hold is None or links.delay.delay is None or links.exact or tau <= 0.0:
+        return 0.0
+    lost = 1.0 - min((share for share in links.delivery.values() if share is not None), default=1.0)
+    delay = links.delay.delay + hold.period * (0.5 + lost / max(1.0 - lost, 1e-3))
+    rate = part.theorem.gain * part.theorem.lambda_max
+    crossover = math.sqrt((math.sqrt(1.0 + (2.0 * tau * rate) ** 2) - 1.0) / 2.0) / tau
+    return math.atan(crossover * tau) + crossover * delay
+
+
+def _round(gain: float) -> float:
+    """Return a positive number with two significant digits."""
+    return float(f"{gain:.2g}")
+
+
+def _of_speeds(part: PartRecord) -> Iterator[Problem]:
+    """Yield that agents fall behind their places, as their vehicles or their velocity limits are too slow."""
+    falling = part.margins.falling
+    if falling:
+        names = listed(falling)
+        yield Problem(
+            kind="turning", what=f"{names} cannot turn as fast as leaning takes", why=next(iter(falling.values()))
+        )
+    slow = list(_of_slow(part))
+    yield from slow
+    carried = part.disturbance.carried_off
+    blown = {id: (wind, most) for id, (wind, most) in part.margins.wind.items() if most is not None and wind > most}
+    if blown:
+        worst_id, (wind, most) = min(blown.items(), key=lambda item: item[1][1] / item[1][0])
+        yield Problem(
+            kind="wind",
+            what=f"{listed(blown)} cannot hold station in the wind",
+            why=f"above {worst_id} it is {wind:.3g} m/s, and {worst_id} holds station in at most {most:.3g} m/s",
+            fix="less wind, stronger vehicles, or a higher velocity_limit if the vehicle allows it",
+        )
+    if part.margins.bodies.obstacle == "overpowered" and not slow and not blown:
+        yield Problem(kind="flow", what="a vehicle cannot hold its place in the flow", why=part.margins.bodies.reason)
+    if carried:
+        worst_id = max(carried, key=carried.__getitem__)
+        others = f" and {len(carried) - 1} other{'s' if len(carried) > 2 else ''}" if len(carried) > 1 else ""
+        yield Problem(
+            kind="gusts",
+            what=f"{worst_id}{others} cannot hold against gusts and waves",
+            why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be",
+            fix="a calmer medium, faster vehicles, or a higher velocity_limit if the vehicle allows it",
+        )
+
+
+def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
+    """Yield that some agents are slower than their places to the end: by their vehicles, or by velocity limits.
+
+    An agent that is no farther behind than `deficit`, m, counts as keeping up.
+    """
+    for limited in (False, True):
+        alike = [demand for demand in part.margins.speed if demand.limited == limited]
+        slow = [demand for demand in alike if (demand.deficit or 0.0) > deficit]
+        if not slow:
+            continue
+        worst = max(slow, key=lambda demand: demand.deficit or 0.0)
+        limit = _round(_SPARE * max(demand.steady or 0.0 for demand in slow))
+        raised = limited and limit <= min(demand.top_speed for demand in slow)
+        changes = {"controller.velocity_limit": limit} if raised else {}
+        at_times = sum((demand.steady or 0.0) > demand.largest for demand in alike)
+        limiting = "its velocity limit is" if limited else "the top speed of its vehicle is"
+        yield Problem(
+            kind="limited" if limited else "slow",
+            what=f"{at_times} of {len(part.disturbance.agents)} agents are slower than their places "
+            f"({worst.largest:.3g} of {worst.steady:.3g} m/s)",
+            why=f"{worst.agent} stays {worst.deficit:.3g} m or more behind: relative to the medium, q* moves at up to "
+            f"{worst.steady:.3g} m/s, and {limiting} {worst.largest:.3g} m/s",
+            fix=describe_changes(changes) or "slow targets, or faster vehicles",
+            changes=changes,
+        )
+
+
+def _of_room(safety: SafetyRecord, period: float) -> Iterator[Problem]:
+    """Yield that the formation leaves less room than the safety filter keeps, at most samples.
+
+    While it changes, places that are too close at any sample count: vehicles would meet there.
+
+    A rate is proposed up to the inverse of the control period in s, beyond which nothing is guaranteed.
+    """
+    close = [one for one in safety.unsafe if safety.changing or one.fraction > MOSTLY]
+    if close:
+        nearest = close[0]
+        others = "" if len(close) == 1 else f", and {len(close) - 1} more pairs"
+        yield Problem(
+            kind="unsafe",
+            what=f"{' and '.join(nearest.pair)} are too close in q*",
+            why=f"their places are {-nearest.gap:.3g} m nearer than the required distance at "
+            f"{nearest.time:.6g} s{others}",
+            fix=f"{'a change in several steps' if safety.changing else 'a larger formation'}, or a smaller "
+            "safety.distance",
+        )
+    known = {tuple(one.pair) for one in close}
+    kept = [one for one in safety.out_of_reach(on_bodies=True) if tuple(one.pair) not in known]
+    if not kept:
+        return
+    worst = max(kept, key=lambda one: one.kept - one.desired)
+    agent, other = worst.pair
+    rates = [one.rate for one in kept if one.rate is not None]
+    changes = {"safety.rate": min(_round(_SPARE * max(rates)), 1.0 / period)} if len(rates) == len(kept) else {}
+    others = "" if len(kept) == 1 else f", and {len(kept) - 1} more pairs"
+    yield Problem(
+        kind="room",
+        what=f"the safety filter keeps {agent} {worst.kept:.3g} m from {other}, and its place is at "
+        f"{worst.desired:.3g} m",
+        why=f"that is the standoff at safety.rate {safety.rate:g} 1/s with the stopping distances of bodies, at "
+        f"{worst.time:.6g} s{others}",
+        fix=describe_changes(changes) or "a larger formation, or a smaller safety.distance",
+        changes=changes,
     )

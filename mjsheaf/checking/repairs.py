@@ -20,8 +20,9 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.spectrum import agent_coboundary, smallest_eigenvalue
-from mjsheaf.errors import listed
+from mjsheaf.checking.spectrum import agent_coboundary, held_eigenvalues, smallest_eigenvalue, spectrum_of, zero_of
+from mjsheaf.errors import UndecidedError, listed
+from mjsheaf.loop.system import System
 from mjsheaf.section import Finite, Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.nonlinear import FREE_MOTION, SOLVED_RANK_TOLERANCE, Measure, linear_maps
@@ -217,8 +218,7 @@ def plan_augmentation(
         nearest = min(found, key=lambda numbers: sum(groups[k].distance for k in numbers))
         chosen += [groups[k].nearest for k in nearest]
     # A candidate has one row for each axis, and holds nothing along an axis in which no agent moves.
-    axes = len(np.unique(moving_axis[free.indices]))
-    exact |= len(chosen) == math.ceil(r / axes)
+    exact |= len(chosen) == math.ceil(r / len(np.unique(moving_axis[free.indices])))
     added = _rows_of(team, chosen)
     linked = {pair for e in team.communication + team.sensing for pair in ((e.tail, e.head), (e.head, e.tail))}
     repairs = [
@@ -270,12 +270,10 @@ def _alike(team: Team, free: sparse.csc_array) -> list[Alike]:
     return list(found.values())
 
 
-def _by_dimension(members: Sequence[Member], numbers: Iterable[int]) -> dict[int, list[int]]:
+def _by_dimension(members: Sequence[Member], numbers: Sequence[int]) -> dict[int, list[int]]:
     """Return the numbers of members, by the dimension of their state."""
-    found: dict[int, list[int]] = {}
-    for k in numbers:
-        found.setdefault(members[k].dimension, []).append(k)
-    return found
+    dimensions = dict.fromkeys(members[k].dimension for k in numbers)
+    return {n: [k for k in numbers if members[k].dimension == n] for n in dimensions}
 
 
 def _group_candidates(
@@ -415,8 +413,7 @@ def plan_bracing(
     if chosen:
         added = rows[chosen].reshape(-1, len(positions))
         H = team.dirichlet.H.toarray()
-        values = np.linalg.eigvalsh((H + H.T) / 2.0 + added.T @ added)
-        rate = gain * float(values[motions.shape[1]])
+        rate = gain * float(np.linalg.eigvalsh((H + H.T) / 2.0 + added.T @ added)[motions.shape[1]])
     return Bracing(
         flexes=_describe_flexes(team, positions, flexes, motions),
         edges=[edges[k] for k in chosen],
@@ -505,8 +502,6 @@ def _list_candidates(team: Team, positions: Array) -> tuple[list[Brace], Array]:
 MAX_STATES = 600
 """Largest number of the agents' coordinates for which a rank is computed."""
 
-_UNSEEN = 1e-9  # of a rigid motion: what edges measure of it is rounding
-
 
 class Rigidity(Record):
     """Rigidity of the linearised team at q*; everything about range and bearing edges is local."""
@@ -530,20 +525,25 @@ class Rigidity(Record):
     )
 
 
-def rigidity_of(team: Team, original: Team, positions: Array, gain: float, values: Array) -> Rigidity:
-    """Decide the rigidity of a team of linear edges.
+def rigidity_of(system: System, original: Team, *, nothing: float = 1e-9) -> Rigidity:
+    """Decide the rigidity of a system's present team, all of whose edges are linear.
 
     Args:
-        team: The present agents; linearised at the shape.
+        system: The system; its team is linearised at the shape.
         original: The team that was linearised.
-        positions: Stacked positions of the agents there, m.
-        gain: k1, 1/s.
-        values: Eigenvalues of H that are not zero; of a large undirected team some of the smallest.
+        nothing: Fraction of a rigid motion that is rounding where edges measure it.
     """
-    unique = team.dirichlet.unique if team.symmetric else len(values) == int(team.first_state[-1])
-    localizable = None if team.free else bool(unique)
-    rate = gain * float(values.real.min()) if len(values) else None
+    team = system.team
     n = int(team.first_state[-1])
+    positions = (team.pack(system.initial) if team.linearised_at is None else team.linearised_at)[:n]
+    try:
+        values = held_eigenvalues(team)
+    except UndecidedError:  # a large team: some of the smallest
+        values = spectrum_of(team).smallest.astype(np.complex128)
+    values = values[np.abs(values) > zero_of(team) * np.abs(values).max(initial=0.0)]
+    unique = team.dirichlet.unique if team.symmetric else len(values) == n
+    localizable = None if team.free else bool(unique)
+    rate = system.gain * float(values.real.min()) if len(values) else None
     if n > MAX_STATES:
         return Rigidity(rank=None, needed=None, rigid=None, localizable=localizable, rate=rate)
     held_by_stress = team.free and team.stressed
@@ -555,34 +555,31 @@ def rigidity_of(team: Team, original: Team, positions: Array, gain: float, value
         D = D / np.where(length > 0.0, length, 1.0)  # the tolerance is relative
     tolerance = SOLVED_RANK_TOLERANCE if team.linearised_at is not None else RANK_TOLERANCE
     rank = int(np.linalg.matrix_rank(D, rtol=tolerance)) if len(D) else 0
-    motions = _motions(team, positions)
-    _, singular, combinations = np.linalg.svd(D @ motions)
-    seen = int(np.count_nonzero(singular > max(_UNSEEN, tolerance) * np.sqrt(len(D))))
-    # One agent has no turn and no scale.
-    unseen = linalg.orth(motions @ combinations[seen:].T, rcond=_UNSEEN)
-    needed = n - unseen.shape[1]
-    rigid = rank >= needed
-    bracing = (
-        None if rigid or held_by_stress or not team.free else plan_bracing(team, original, positions, unseen, D, gain)
-    )
-    return Rigidity(rank=rank, needed=needed, rigid=rigid, localizable=localizable, rate=rate, bracing=bracing)
-
-
-def _motions(team: Team, positions: Array) -> Array:
-    """Return translations, rotations about the centroid, and the scale of a shape, shape (n, count)."""
+    # Translations, rotations about the centroid, and the scale of the shape, shape (n, count).
     x = team.unpack(positions)
     x = x - x.mean(axis=0)
     axes = max(agent.dimension for agent in team.agents)
     size = float(np.abs(x).max()) or 1.0
-    motions = [np.broadcast_to(np.eye(3)[a], x.shape) for a in range(axes)]
+    every = [np.broadcast_to(np.eye(3)[a], x.shape) for a in range(axes)]
     for a, b in itertools.combinations(range(axes), 2):
         turn = np.zeros((3, 3))
         turn[a, b] = 1.0
         turn[b, a] = -1.0
-        motions.append(x @ turn / size)
-    motions.append(x / size)
-    flat = np.array([motion.reshape(-1) for motion in motions])
-    return np.asarray(flat[:, team.slots[: len(positions)]].T)
+        every.append(x @ turn / size)
+    every.append(x / size)
+    motions = np.array([motion.reshape(-1) for motion in every])[:, team.slots[:n]].T
+    _, singular, combinations = np.linalg.svd(D @ motions)
+    seen = int(np.count_nonzero(singular > max(nothing, tolerance) * np.sqrt(len(D))))
+    # One agent has no turn and no scale.
+    unseen = linalg.orth(motions @ combinations[seen:].T, rcond=nothing)
+    needed = n - unseen.shape[1]
+    rigid = rank >= needed
+    bracing = (
+        None
+        if rigid or held_by_stress or not team.free
+        else plan_bracing(team, original, positions, unseen, D, system.gain)
+    )
+    return Rigidity(rank=rank, needed=needed, rigid=rigid, localizable=localizable, rate=rate, bracing=bracing)
 
 
 # -- connection --------------------------------------------------------------------------------------------------------
@@ -637,5 +634,6 @@ def label_parts(team: Team, edges: Iterable[Edge]) -> IntArray:
     N = len(team.agents)
     ends = [(team.index[e.tail], team.index[e.head]) for e in edges]
     tails, heads = np.array(ends, dtype=np.int64).reshape(-1, 2).T
-    graph = sparse.coo_array((np.ones(len(ends)), (tails, heads)), shape=(N, N))
-    return csgraph.connected_components(graph, directed=False)[1]
+    return csgraph.connected_components(
+        sparse.coo_array((np.ones(len(ends)), (tails, heads)), shape=(N, N)), directed=False
+    )[1]

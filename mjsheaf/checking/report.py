@@ -15,12 +15,10 @@ from pydantic import BaseModel
 from rich.console import Group
 from rich.text import Text
 
-from mjsheaf.checking.fragility import Fragility
-from mjsheaf.checking.loop.disturbance import DisturbanceRecord
-from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS, SteadyError
-from mjsheaf.checking.problems import describe_tried, headline
-from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary
+from mjsheaf.checking.loop.prediction import WIND_ON_TARGETS, DisturbanceRecord, SteadyError
+from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary, describe_tried, headline
 from mjsheaf.checking.separation import SafetyRecord
+from mjsheaf.checking.spectrum import Fragility
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.errors import joined, listed
 
@@ -120,11 +118,12 @@ def _page(record: BaseModel, rows: Mapping[str, _Row], before: Mapping[str, _Row
             for k, line in enumerate(row.lines):
                 start = f"{'' if k else name:<{width}}  "
                 if len(line) > _WIDEST_VALUE:
-                    filled = wrap(line, PAGE_WIDTH, initial_indent=start, subsequent_indent=" " * len(start))
-                    yield Text("\n".join(filled))
+                    yield Text(
+                        "\n".join(wrap(line, PAGE_WIDTH, initial_indent=start, subsequent_indent=" " * len(start)))
+                    )
                 else:
-                    cells = (f"{start}{line:<{_WIDEST_VALUE}}  ", (meaning, "dim"))
-                    yield Text.assemble(*cells, no_wrap=True, overflow="ellipsis")
+                    shown = f"{start}{line:<{_WIDEST_VALUE}}  "
+                    yield Text.assemble(shown, (meaning, "dim"), no_wrap=True, overflow="ellipsis")
 
 
 def _text(
@@ -275,10 +274,11 @@ def _error(steady: SteadyError, as_if: str) -> str:
 def _moved(found: DisturbanceRecord) -> str:
     """Return the error that gusts and waves leave, and which agents cannot hold station."""
     bodies = "not known" if found.rms_on_bodies is None else f"{found.rms_on_bodies:.3g} m"
-    if found.rms is None:
-        text = f"not known: {found.reason}"
-    else:
-        text = f"{found.rms:.3g} m on ideal kinematics, {bodies} on the vehicles (RMS over agents and time)"
+    text = (
+        f"not known: {found.reason}"
+        if found.rms is None
+        else f"{found.rms:.3g} m on ideal kinematics, {bodies} on the vehicles (RMS over agents and time)"
+    )
     if found.carried_off:
         excess = max(found.carried_off.values())
         who = listed(list(found.carried_off))

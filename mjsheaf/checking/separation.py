@@ -22,10 +22,10 @@ include the velocities that the filter adds.
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from pydantic import Field
 from scipy.spatial import cKDTree
 
@@ -37,9 +37,6 @@ from mjsheaf.law.obstacles import distances, nearest_points
 from mjsheaf.law.safety import SafetyArrays
 from mjsheaf.loop.system import System
 from mjsheaf.section import Finite, Record
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MOSTLY = 0.5
 """Fraction of the samples above which a formation cannot be reached."""
@@ -165,10 +162,11 @@ def standoffs(
     """
     T, V = places.shape[:2]
     velocity = np.gradient(places, times, axis=0) if T > 1 else np.zeros_like(places)
-    count = min(T, most, max(2, 4_000_000 // V**2))
-    rows = np.unique(np.linspace(0, T - 1, count).astype(np.int64))
-    each = [_constraints(system, safety, least, times[k], places[k], velocity[k]).assign(time=times[k]) for k in rows]
-    c = pd.concat(each, ignore_index=True)
+    rows = np.unique(np.linspace(0, T - 1, min(T, most, max(2, 4_000_000 // V**2))).astype(np.int64))
+    c = pd.concat(
+        [_constraints(system, safety, least, times[k], places[k], velocity[k]).assign(time=times[k]) for k in rows],
+        ignore_index=True,
+    )
     gamma, room = safety.rate, c.away**2 - c.keep**2
     misfit = (c.closing > gamma * room / (2.0 * c.away) + _ROUNDING) & (c.away >= c.least - _ROUNDING)
     if not misfit.any():
@@ -273,7 +271,7 @@ def _places(system: System, certificate: Certificate, *, samples_of_ramp: int = 
     return times, np.concatenate([q_star, samples], axis=1) + lift
 
 
-def too_close_in(system: System, run: "xr.Dataset") -> dict[tuple[str, ...], TooClose]:
+def too_close_in(system: System, run: xr.Dataset) -> dict[tuple[str, ...], TooClose]:
     """Return the pairs that are too close in a run or a piece of it, each when it is closest, the closest first."""
     run = run.isel(time=np.flatnonzero(run["separation"].values < 0.0))
     if not run.sizes["time"]:
@@ -281,8 +279,7 @@ def too_close_in(system: System, run: "xr.Dataset") -> dict[tuple[str, ...], Too
     safety, what = system.separation(np.zeros(len(system.planar))), "body_position"
     what = what if f"agent_{what}" in run else "position"
     places = np.concatenate([run[f"{kind}_{what}"].values for kind in ("agent", "target")], axis=1)
-    heights = [[0.0, 0.0, member.height] for member in system.team.members]
-    places = np.where(np.isnan(places), heights, places)
+    places = np.where(np.isnan(places), [[0.0, 0.0, member.height] for member in system.team.members], places)
     names = [member.id for member in system.team.members] + (system.safety.obstacle_ids if system.safety else [])
     return {tuple(one.pair): one for one in find_too_close(safety, names, run["time"].values, places)}
 
@@ -313,10 +310,9 @@ def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places:
                 count[i, j] += 1
                 if gap < worst.get((i, j), (0.0, 0.0))[0]:
                     worst[i, j] = gap, float(times[k])
-    closest = sorted(worst.items(), key=lambda item: item[1][0])[:_MOST_PAIRS]
     return [
         TooClose(pair=[names[i], names[j]], time=time, gap=gap, fraction=count[i, j] / len(times))
-        for (i, j), (gap, time) in closest
+        for (i, j), (gap, time) in sorted(worst.items(), key=lambda item: item[1][0])[:_MOST_PAIRS]
     ]
 
 

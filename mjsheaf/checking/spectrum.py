@@ -1,4 +1,4 @@
-"""Spectrum of H and relative cohomology of a team.
+"""Spectrum of H and relative cohomology of a team, and what breaks when a single edge, agent or target is lost.
 
 The spectrum of H sets the speed of the law, and sigma_max(B) how strongly targets pull. Both are computed from
 D = K^{1/2} delta on the agents, with H = D^T D: eigenvalues are squares of singular values of D, so none is negative.
@@ -8,7 +8,10 @@ Connected components of D are treated separately.
 The relative cohomology H^0(G, G_p; F) is described by the agents that are free to drift, or barely held.
 """
 
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,7 +20,7 @@ from pydantic import Field
 from scipy import linalg, sparse
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import UndecidedError
+from mjsheaf.errors import UndecidedError, select_true
 from mjsheaf.section import Record
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.sheaf.edges import parts
@@ -30,18 +33,14 @@ from mjsheaf.sheaf.sections import (
     sparse_null_space,
     sparser_rows,
 )
-from mjsheaf.team import Team
-from mjsheaf.team.team import NullMode, describe, describe_nearly, null_mode_of, null_modes
+from mjsheaf.team import GROUND, Edge, Team
+from mjsheaf.team.team import describe, describe_nearly, null_mode_of, null_modes
 
 DENSE_STATES = 600
 """Largest component of H whose eigenvalues are found densely."""
 
 EIGENVALUE_TOLERANCE = 1e-8
 """Relative accuracy of the eigenvalues of larger components."""
-
-# Eigenvalues of H itself are good to about 1e-14 of the largest: to 1e-8 above the first of these ratios to it. Below
-# the second, errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones.
-_SQUARED_IS_ACCURATE, _SQUARED_IS_POOR = 1e-6, 1e-10
 
 
 @dataclass(frozen=True)
@@ -71,15 +70,8 @@ def spectrum_of(team: Team, count: int = 6) -> Spectrum:
     Beyond DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
     """
     known = _spectra.setdefault(team, {})
-    if count not in known:
-        known[count] = _spectrum(team, count)
-    return known[count]
-
-
-_spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # a study's runs may share their team
-
-
-def _spectrum(team: Team, count: int) -> Spectrum:
+    if count in known:
+        return known[count]
     problem = team.dirichlet
     if isinstance(problem, StationaryProblem):  # edges do not fit together: real parts where H is not symmetric
         nullity = problem.null_basis.shape[1]
@@ -91,7 +83,7 @@ def _spectrum(team: Team, count: int) -> Spectrum:
         nullity = null.shape[1]
         largest = largest_singular_value(D) ** 2
         smallest, vectors = _above_zero(D, null, count)
-    return Spectrum(
+    known[count] = Spectrum(
         lambda_min=0.0 if nullity or not smallest.size else float(smallest[0]),
         lambda_max=largest,
         sigma_max_B=largest_singular_value(problem.B),
@@ -99,6 +91,10 @@ def _spectrum(team: Team, count: int) -> Spectrum:
         smallest=smallest,
         vectors=vectors,
     )
+    return known[count]
+
+
+_spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # a study's runs may share their team
 
 
 def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
@@ -115,8 +111,9 @@ def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
     """Smallest eigenvalue of H = D^T D; exactly 0 where the null space of delta is not trivial."""
     if D.shape[1] <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
-        # Then delta is injective, unless inner products span 12 decades.
-        if values[0] > _SQUARED_IS_ACCURATE * values[-1]:
+        # Eigenvalues of H are good to about 1e-14 of the largest: these to 1e-8. And delta is then injective, unless
+        # inner products span 12 decades.
+        if values[0] > 1e-6 * values[-1]:
             return float(values[0])
     null = sparse_null_space(delta)
     return 0.0 if null.shape[1] else float(_above_zero(D, null, 1)[0][0])
@@ -149,13 +146,15 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
     n, r = known.shape
     if n <= DENSE_STATES:
         values, candidates = linalg.eigh(gram.toarray(), subset_by_index=(0, r + count - 1))
-        if values[r] < _SQUARED_IS_POOR * gram.diagonal().sum():
+        # Below, errors of eigenvectors of H, squared, show in their eigenvalues: D has better ones.
+        if values[r] < 1e-10 * gram.diagonal().sum():
             R = np.linalg.qr(D.toarray(), mode="r") if D.shape[0] > n else D.toarray()
             candidates = linalg.svd(R)[2][: -(r + count) - 1 : -1].T
     else:
         # The Gershgorin bound serves as scale; the shift keeps the factorisation regular, far below what matters.
-        factor = shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max()))
-        candidates = smallest_eigenvectors(factor, known, count, EIGENVALUE_TOLERANCE)
+        candidates = smallest_eigenvectors(
+            shifted_factor(gram, 1e-10 * float(abs(gram).sum(axis=1).max())), known, count, EIGENVALUE_TOLERANCE
+        )
     if r:
         # Eigenvectors of H mix its null space with what is close to it; the null space itself was found on D, exactly.
         candidates = np.linalg.svd(candidates - known @ (known.T @ candidates), full_matrices=False)[0][:, :count]
@@ -200,7 +199,16 @@ class RelativeCohomology(Record):
 def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
     """Explain the relative cohomology of a team, whose spectrum may be known already."""
     spectrum = spectrum or spectrum_of(team)
-    basis = [FreeDirection(description=describe(team, mode), motion=_motion(team, mode)) for mode in null_modes(team)]
+    basis = [
+        FreeDirection(
+            description=describe(team, mode),
+            motion={
+                team.agents[a].id: step[: team.agents[a].dimension].tolist()
+                for a, step in zip(mode.agents, mode.steps.round(9), strict=True)
+            },
+        )
+        for mode in null_modes(team)
+    ]
     near = spectrum.smallest[:MOST_NEARLY] <= NEARLY * spectrum.lambda_max
     return RelativeCohomology(
         dimension=len(basis),
@@ -219,11 +227,6 @@ def explain(team: Team, spectrum: Spectrum | None = None) -> RelativeCohomology:
         else f"singular values of each connected component, dense up to {DENSE_COLUMNS} states and by shift-invert "
         "Lanczos beyond",
     )
-
-
-def _motion(team: Team, mode: NullMode) -> dict[str, list[float]]:
-    moving = zip([team.agents[a] for a in mode.agents], mode.steps.round(9), strict=True)
-    return {agent.id: step[: agent.dimension].tolist() for agent, step in moving}
 
 
 # -- H that is not symmetric ------------------------------------------------------------------------------------------
@@ -272,3 +275,172 @@ def held_eigenvalues(team: Team) -> Complex:
     values = eigenvalues_of(team)
     zero = np.abs(values) <= zero_of(team) * float(np.abs(values).max(initial=0.0))
     return values[~zero] if team.free else np.where(zero, 0.0, values)
+
+
+# -- single losses -----------------------------------------------------------------------------------------------------
+
+
+Kind = Literal["sensing", "communication", "anchor", "agent", "link", "target"]
+
+CONNECTED = "agent graph connected"
+"""Broken where agents that were connected no longer are."""
+
+SENSED = "every target sensed"
+"""Broken where a target that was sensed no longer is."""
+
+TRIVIAL = "relative cohomology trivial"
+"""Broken where agents have a null mode that they did not have."""
+
+MOST_CRITICAL = 50
+EXACT_STATES = 200
+EXACT_LOSSES = 1000
+"""Largest numbers of agent states and single losses for which H is decomposed again after each loss."""
+
+
+class Loss(Record):
+    """Effect of losing one edge, agent or target, or all edges between two ends (a link)."""
+
+    kind: Kind
+    name: str = Field(description='such as "A1 - T2", "A1 - A4 (1 of 2)" or "A2 along z"')
+    breaks: tuple[str, ...] = Field(description="what is newly broken, whatever failed before")
+    lambda_min: float | None = Field(description="smallest eigenvalue of H after it; null where not computed")
+
+
+Single = tuple[Loss, list[int], int | None]
+"""What a loss breaks of CONNECTED and SENSED, which takes no linear algebra and is exact at any size; the edges that
+are lost, by their places in the sheaf's order; and the number of the agent that is."""
+
+KindOfEdge = tuple[Kind | None, Edge]
+
+
+class Fragility(Record):
+    """Single losses that break an assumption."""
+
+    exact: bool = Field(description="whether H was decomposed after each loss; else lambda_min is not known")
+    method: str
+    critical: list[Loss] = Field(description=f"losses that break something, at most {MOST_CRITICAL}")
+    critical_count: int
+    worst: Loss | None = Field(description="the loss that breaks nothing with the smallest lambda_min; null if unknown")
+
+
+def fragility(team: Team) -> Fragility:
+    """Find the losses of `single_losses` that break something, and the worst of the others."""
+    losses, exact = single_losses(team)
+    critical = [loss for loss in losses if loss.breaks]
+    method = (
+        f"exact: H decomposed again after each of {len(losses)} losses"
+        if exact
+        else f"over {EXACT_STATES} states or {EXACT_LOSSES} single losses, or edges that do not fit together: "
+        "bridges and articulation points of the agent graph, targets, and those that a single edge or agent senses; "
+        "lambda_min and the relative cohomology after a loss were not computed"
+    )
+    return Fragility(
+        exact=exact,
+        method=method,
+        critical=critical[:MOST_CRITICAL],
+        critical_count=len(critical),
+        worst=next((loss for loss in losses if not loss.breaks), None) if exact and team.dirichlet.unique else None,
+    )
+
+
+def single_losses(team: Team) -> tuple[list[Loss], bool]:
+    """Try out each single loss; of a large team find those that break CONNECTED or SENSED without linear algebra.
+
+    The loss of an agent takes its edges along, that of a target those that sense it; the last agent is not lost.
+    Parallel edges are lost one at a time, and all at once where the link between their ends is cut.
+
+    Returns:
+        The losses, those that break something first, then by lambda_min; and whether each was tried out on H.
+    """
+    singles = list(_singles(team))
+    if team.stressed or team.dirichlet.H.shape[0] > EXACT_STATES or len(singles) > EXACT_LOSSES:
+        return [loss for loss, _, _ in singles if loss.breaks], False
+    losses = list(_try_out(team, singles))
+    losses.sort(key=lambda loss: (not loss.breaks, round(loss.lambda_min or 0.0, 12)))  # rounding does not choose
+    return losses, True
+
+
+def _try_out(team: Team, singles: Iterable[Single]) -> Iterator[Loss]:
+    """Yield each loss with lambda_min of H after it; it breaks TRIVIAL too if an agent is then free to drift."""
+    delta, D = agent_coboundary(team)
+    free = team.dirichlet.sparse_null_basis.shape[1]
+    sizes = [len(edge.b) for _, edge in _edges(team)]
+    edge_of_row = np.repeat(np.arange(len(sizes)), sizes)
+    agent_of_state = team.slots[: D.shape[1]] // 3
+    for loss, edges, agent in singles:
+        lost = agent_of_state == agent
+        # What the lost agent alone was free to do is lost with it.
+        gone = sparse_null_space(delta[:, lost]).shape[1] if free and lost.any() else 0
+        left = [x[~np.isin(edge_of_row, edges)][:, ~lost] for x in (delta, D)]
+        lambda_min = smallest_eigenvalue(*left)
+        frees = lambda_min == 0.0 and sparse_null_space(left[0]).shape[1] > free - gone
+        breaks = (*loss.breaks, TRIVIAL) if frees else loss.breaks
+        yield loss.model_copy(update={"breaks": breaks, "lambda_min": lambda_min})
+
+
+def _edges(team: Team) -> list[KindOfEdge]:
+    """The edges in the order of the sheaf, with the kind of those that can be lost."""
+    kinds: list[tuple[Kind | None, tuple[Edge, ...]]] = [
+        ("communication", team.communication),
+        ("sensing", team.sensing),
+        (None, team.target_edges),
+        ("anchor", team.anchors),
+    ]
+    return [(kind, edge) for kind, edges in kinds for edge in edges]
+
+
+def _singles(team: Team) -> Iterator[Single]:
+    """Yield everything that can be lost alone: edges, one of parallel ones at a time, links, targets, and agents."""
+    import networkx as nx
+
+    edges = _edges(team)
+    graph = nx.Graph(list(map(_ends, team.communication)))
+    graph.add_nodes_from(team.agent_ids)
+    bridges = {(min(pair), max(pair)) for pair in nx.bridges(graph)}
+    cuts = set(nx.articulation_points(graph))
+    links = Counter(map(_ends, team.communication))
+    sensors = Counter(edge.head for edge in team.sensing)
+
+    def single(kind: Kind, name: str, numbers: list[int], agent: int | None = None) -> Single:
+        lost = [edges[e] for e in numbers]
+        apart = Counter(_ends(edge) for own, edge in lost if own == "communication")
+        unseen = Counter(edge.head for own, edge in lost if own == "sensing")
+        cut = any(pair in bridges and count == links[pair] for pair, count in apart.items())
+        disconnects = cut if agent is None else name in cuts
+        blinds = any(count == sensors[target] for target, count in unseen.items())
+        breaks = select_true({CONNECTED: disconnects, SENSED: blinds})
+        return Loss(kind=kind, name=name, breaks=tuple(breaks), lambda_min=None), numbers, agent
+
+    incident = defaultdict[str, list[int]](list)
+    parallel = defaultdict[tuple[str, ...], list[int]](list)
+    for e, (kind, edge) in enumerate(edges):
+        parallel[_ends(edge)].append(e)
+        if kind is not None:
+            incident[edge.tail].append(e)
+            incident[edge.head].append(e)
+    for e, (kind, edge) in enumerate(edges):
+        if kind is not None:
+            alike = parallel[_ends(edge)]
+            which = f" ({alike.index(e) + 1} of {len(alike)})" if len(alike) > 1 else ""
+            yield single(kind, _name(edge) + which, [e])
+    for several in parallel.values():
+        kind, edge = edges[several[0]]
+        if kind not in (None, "anchor") and len(several) > 1:
+            yield single("link", f"{edge.tail} - {edge.head} (all {len(several)})", several)
+    for target in sensors:
+        yield single("target", target, incident[target])
+    if len(team.agents) > 1:
+        for i, agent in enumerate(team.agent_ids):
+            yield single("agent", agent, incident[agent], i)
+
+
+def _ends(edge: Edge) -> tuple[str, ...]:
+    """Return the ends that parallel edges share; for an anchor, the name of what it holds."""
+    return (_name(edge),) if edge.head == GROUND else (min(edge.tail, edge.head), max(edge.tail, edge.head))
+
+
+def _name(edge: Edge) -> str:
+    if edge.head != GROUND:
+        return f"{edge.tail} - {edge.head}"
+    axes = ["xyz"[k] for k in np.flatnonzero(np.any(edge.F_tail != 0.0, axis=0))]
+    return f"{edge.tail} along {', '.join(axes)}" if len(axes) == len(edge.F_tail) else f"{edge.tail} to a fixed value"

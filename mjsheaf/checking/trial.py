@@ -7,9 +7,10 @@ number of vehicle-steps alone.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 from pydantic import Field
 
 from mjsheaf.arrays import Array, BoolArray
@@ -33,9 +34,6 @@ from mjsheaf.results.ending import (
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 MAX_VEHICLE_STEPS = 100_000_000
 """Largest number of vehicles times physics steps of a trial; of a larger mission the beginning is tried."""
@@ -107,9 +105,8 @@ def try_mission(
     Raises:
         InputError: The scenario cannot be simulated for a reason that is not one of the theory's assumptions.
     """
-    contacts = scenario.whole.bodies.contacts
     try:
-        phases = prepare_run(scenario, "physics", "mujoco" if contacts else "fused")
+        phases = prepare_run(scenario, "physics", "mujoco" if scenario.whole.bodies.contacts else "fused")
     except (NotUniqueError, RankError) as error:
         return _refused(error)
     try:
@@ -135,8 +132,14 @@ def try_mission(
 
 def _refused(error: Exception) -> TrialRecord:
     """Return the record of a trial that an error ends."""
-    problem = TrialProblem(kind="refused", text=f"the run is refused: {error}")
-    return TrialRecord(ok=False, seconds=0.0, complete=False, tracking_error=None, ending=None, problems=[problem])
+    return TrialRecord(
+        ok=False,
+        seconds=0.0,
+        complete=False,
+        tracking_error=None,
+        ending=None,
+        problems=[TrialProblem(kind="refused", text=f"the run is refused: {error}")],
+    )
 
 
 class _Run(NamedTuple):
@@ -149,7 +152,7 @@ class _Run(NamedTuple):
         closest: Pairs that are too close at some sample, each when it is closest.
     """
 
-    data: "xr.Dataset"
+    data: xr.Dataset
     complete: bool
     initial: Mapping[tuple[str, ...], TooClose]
     closest: Mapping[tuple[str, ...], TooClose]
@@ -237,12 +240,23 @@ def _problems(
     if not stuck and not growing:
         yield from _without_headway(system, last)
     yield from _circling(system, last)
-    yield from _carried_targets(phases[0].system, data)
-    yield from _fallen(system, last)
+    whole = phases[0].system
+    if whole.waiting is not None:
+        N = len(team.agents)
+        places = np.nan_to_num(data["target_position"].values[-1])
+        away = np.where(whole.waiting.holds[N:], np.linalg.norm(places - whole.waiting.position[N:], axis=1), 0.0)
+        words = "fixed, and carried off: {name} is {number:.3g} m from its place, which its vehicle cannot hold"
+        yield from _failing("target", team.target_ids, away > _FAR_BY, away, end, words)
+    height = system.bodies.surface_height
+    heights = np.nan_to_num(last["agent_height"].values[-1], nan=height)
+    flying = np.array([agent.dimension == 3 for agent in system.team.agents])
+    flying &= (system.initial[: len(flying), 2] > height) & (system.bodies.surface != "none")
+    fallen = np.where(flying, height - heights, 0.0)
+    words = "below the surface at t = {time:.6g} s: {name} by {number:.3g} m"
+    yield from _failing("fallen", system.team.agent_ids, fallen > _FAR_BY, fallen, end, words)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
-        checks = check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]
-        for check in checks:
+        for check in check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]:
             if not check["met"] and check["measure"] != "refused":
                 value = "none" if check["found"] is None else f"{check['found']:.4g} m"
                 text = f"expect.physics.{check['measure']} is {value} at t = {end:.6g} s, bound {check['bound']:g} m"
@@ -268,13 +282,18 @@ def _failing(
         others = {key: values[worst] for key, values in numbers.items()}
         number = float(severity[worst])
         told = words.format(name=ids[worst], number=number, time=time, **others)
-        text = f"{_are(ids[worst], int(failed.sum()) - 1)} {told}"
-        yield TrialProblem(kind=kind, text=text, agent=ids[worst], time=time, number=number)
+        yield TrialProblem(
+            kind=kind,
+            text=f"{_are(ids[worst], int(failed.sum()) - 1)} {told}",
+            agent=ids[worst],
+            time=time,
+            number=number,
+        )
 
 
 def _diverging(
     system: System,
-    last: "xr.Dataset",
+    last: xr.Dataset,
     *,
     growth: float = 1.5,
     faster: float = 2.0,
@@ -322,13 +341,14 @@ def _diverging(
     if failed.any() and at_limit[np.where(failed, fourth, -np.inf).argmax()]:
         kind = "saturated"
         words += ", at a limit of its vehicle or its speed for {limited:.0f} % of the second half"
-    end = float(time[-1])
-    yield from _failing(kind, system.team.agent_ids, failed, fourth, end, words, middle=middle, limited=100.0 * limited)
+    yield from _failing(
+        kind, system.team.agent_ids, failed, fourth, float(time[-1]), words, middle=middle, limited=100.0 * limited
+    )
 
 
 def _without_headway(
     system: System,
-    last: "xr.Dataset",
+    last: xr.Dataset,
     *,
     least: float = 0.1,
     headway: float = 0.15,
@@ -371,11 +391,12 @@ def _without_headway(
         "off to the end at t = {time:.6g} s"
     )
     end = float(last["time"][-1])
-    ids = system.team.agent_ids
-    yield from _failing("stuck", ids, failed, fourth, end, words, commanded=commanded, towards=towards)
+    yield from _failing(
+        "stuck", system.team.agent_ids, failed, fourth, end, words, commanded=commanded, towards=towards
+    )
 
 
-def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
+def _circling(system: System, last: xr.Dataset) -> Iterator[TrialProblem]:
     """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing drives them."""
     if last.sizes["time"] < _MIN_SAMPLES:
         return
@@ -389,31 +410,9 @@ def _circling(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
     yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(last["time"][-1]), words)
 
 
-def _fallen(system: System, last: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield the aircraft that are below the surface at the end of the last phase, and began above it."""
-    height = system.bodies.surface_height
-    heights = np.nan_to_num(last["agent_height"].values[-1], nan=height)
-    flying = np.array([agent.dimension == 3 for agent in system.team.agents])
-    flying &= system.initial[: len(flying), 2] > height
-    fallen = np.where(flying & (system.bodies.surface != "none"), height - heights, 0.0)
-    words = "below the surface at t = {time:.6g} s: {name} by {number:.3g} m"
-    yield from _failing("fallen", system.team.agent_ids, fallen > _FAR_BY, fallen, float(last["time"][-1]), words)
-
-
-def _carried_targets(system: System, data: "xr.Dataset") -> Iterator[TrialProblem]:
-    """Yield the fixed targets that are carried from their places."""
-    N = len(system.team.agents)
-    if system.waiting is None or not system.waiting.holds[N:].any():
-        return
-    places = np.nan_to_num(data["target_position"].values[-1])
-    away = np.where(system.waiting.holds[N:], np.linalg.norm(places - system.waiting.position[N:], axis=1), 0.0)
-    words = "fixed, and carried off: {name} is {number:.3g} m from its place, which its vehicle cannot hold"
-    yield from _failing("target", system.team.target_ids, away > _FAR_BY, away, float(data["time"][-1]), words)
-
-
 def _far_off(
     phases: Sequence[Phase],
-    data: "xr.Dataset",
+    data: xr.Dataset,
     error: float,
     foreseen: float | None,
     *,
@@ -450,11 +449,12 @@ def _far_off(
             yield TrialProblem(kind="far_off", text=text, time=time, number=float(away))
 
 
-def _limited(system: System, data: "xr.Dataset", *, nearly: float = 1.0 - 1e-9, shortfall: float = 0.2) -> Array:
+def _limited(system: System, data: xr.Dataset, *, nearly: float = 1.0 - 1e-9, shortfall: float = 0.2) -> Array:
     """Return the fraction of the second half for which each agent is at a limit, shape (N,).
 
     That is: a thruster saturates, the command is at the velocity limit, or the vehicle, averaged over the second half,
-    makes less of its commanded velocity than it should, as one whose tilt is limited.
+    makes less of its commanded velocity than it should, as one whose tilt is limited. What the wind on a hull takes of
+    the command is not missing.
 
     Args:
         system: System of the run.
@@ -473,9 +473,10 @@ def _limited(system: System, data: "xr.Dataset", *, nearly: float = 1.0 - 1e-9, 
     made = velocity - flow
     made[:, planar, 2] = 0.0
     commanded = np.linalg.norm(command.mean(axis=0), axis=1)
-    missing = np.linalg.norm((command - made).mean(axis=0), axis=1)
-    short = (commanded > MIN_SPEED) & (missing > shortfall * commanded)
-    short &= ~system.mean_wind[: len(limit)].any(axis=1)  # against wind on its hull, an agent is commanded to move
+    steady = made.mean(axis=0)
+    # Against the wind on its hull, an agent is commanded more than it makes.
+    missing = command.mean(axis=0) - steady + system.drift_in_wind(-steady)
+    short = (commanded > MIN_SPEED) & (np.linalg.norm(missing, axis=1) > shortfall * commanded)
     return np.where(short, 1.0, at_limit.mean(axis=0))
 
 

@@ -22,7 +22,7 @@ from mjsheaf.cli.options import (
 from mjsheaf.errors import InputError
 
 if TYPE_CHECKING:
-    from mjsheaf.checking.examination import Examination
+    from mjsheaf.checking.check import Examination
     from mjsheaf.checking.theorem.theorem import Rho
     from mjsheaf.show.style import FigureOptions
 
@@ -79,7 +79,7 @@ def check(
     with progress_bars("loading", lines=None):
         from mjsheaf.checking import examine_scenario
         from mjsheaf.checking.check import try_out, untried
-        from mjsheaf.checking.problems import reasons_of
+        from mjsheaf.checking.record import reasons_of
         from mjsheaf.checking.report import screen
         from mjsheaf.scenario import load_scenario
 

@@ -10,9 +10,8 @@ from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from mjsheaf.checking.examination import Examination
-from mjsheaf.checking.problems import headline
-from mjsheaf.checking.record import CheckRecord
+from mjsheaf.checking.check import Examination
+from mjsheaf.checking.record import CheckRecord, headline
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.loop.system import System
 from mjsheaf.show.panels import (

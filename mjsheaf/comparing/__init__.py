@@ -2,16 +2,13 @@
 
 Modules:
 
-- variants: Variants of a scenario, from ideal kinematics to its own bodies, and their runs.
-- measures: Errors, distances and saturation of a run, and the budget of an error by effect.
-- demands: Commanded speeds against the vehicles' speeds, and the cost of the velocity limit.
-- convergence: Bodies with a shrinking time constant.
-- gains: Ringing of the vehicles' loop, limits of the gain, and runs at higher gains.
+- variants: Variants of a scenario, from ideal kinematics to its own bodies; their runs, errors and saturation,
+  the budget of an error by effect, and bodies with a shrinking time constant.
+- margins: Ringing of the loop, limits of the gain, runs at higher gains, commanded speeds, the velocity limit.
 - causes: Contents of compare.json, and the verdict in sentences.
-- compare: The whole comparison.
+- compare: The whole comparison, and its directory.
 - page: The answer on one screen, and the whole report.
 - figures: Plots of the comparison.
-- publish: The directory.
 """
 
 from mjsheaf.comparing.causes import CompareRecord

@@ -8,7 +8,6 @@ from math import floor, log10
 
 from pydantic import Field
 
-from mjsheaf.comparing.convergence import ConvergenceRecord
 from mjsheaf.comparing.margins import (
     MIN_DAMPING,
     DemandRecord,
@@ -18,8 +17,17 @@ from mjsheaf.comparing.margins import (
     RingingRecord,
     VelocityLimitRecord,
 )
-from mjsheaf.comparing.measures import FORMATION, TEAM, TRACKING, BudgetRecord, Measure, ScopeRecord
-from mjsheaf.comparing.variants import RungRecord, display_name
+from mjsheaf.comparing.variants import (
+    FORMATION,
+    TEAM,
+    TRACKING,
+    BudgetRecord,
+    ConvergenceRecord,
+    Measure,
+    RungRecord,
+    ScopeRecord,
+    display_name,
+)
 from mjsheaf.errors import joined, listed
 from mjsheaf.results.ending import ROUNDING
 from mjsheaf.section import Finite, FiniteRecord
@@ -46,8 +54,6 @@ LIMITED_BY = {
 
 _RINGING_CURES = {"lag": "faster thrusters", "underactuation": "a quicker attitude (attitude.frequency)"}
 _MIN_BODY_FRACTION = 0.05  # of the error; bodies that add less are not reported as its cause
-_MIN_NAMED_FRACTION = 0.01  # of the error; smaller parts are named together
-_MIN_Q_STAR_FRACTION = 0.5  # of the error; if q* itself has more, the sheaf is the cause
 
 
 class PhaseRecord(FiniteRecord):
@@ -152,8 +158,9 @@ def levers_of(record: CompareRecord, phase: PhaseRecord) -> list[str]:
     ladder = [rung.model_copy(update={"errors": phase.errors[rung.key], "ending": None}) for rung in record.ladder]
     if phase.errors["all"][TEAM].final.tracking_error is not None:  # the run reached the phase's end
         ladder = [rung.model_copy(update={"status": "finished"}) for rung in ladder]
-    own = {"ladder": ladder, "budgets": phase.budgets, "velocity_limit": phase.velocity_limit}
-    return _errors(record.model_copy(update=own))
+    return _errors(
+        record.model_copy(update={"ladder": ladder, "budgets": phase.budgets, "velocity_limit": phase.velocity_limit})
+    )
 
 
 def verdict_of(record: CompareRecord) -> list[str]:
@@ -162,8 +169,9 @@ def verdict_of(record: CompareRecord) -> list[str]:
     causes = ["its error DIVERGES"] if record.rung("all").ending == "diverging" else []
     loop = next((one for one in (record.loop, record.ringing) if one is not None and one.stable is False), None)
     if loop is not None:
-        largest = loop.largest_gain
-        limit = "" if largest is None else f" at gains above {largest:.3g} 1/s: lower controller.gain"
+        limit = (
+            "" if loop.largest_gain is None else f" at gains above {loop.largest_gain:.3g} 1/s: lower controller.gain"
+        )
         causes.append(f"the loop of its vehicles is unstable{limit}")
     if causes:
         sentences = [*sentences, f"the team does not converge: {'; '.join(causes)}"]
@@ -188,7 +196,11 @@ def _errors(record: CompareRecord) -> list[str]:
     return sentences
 
 
-def _sum_of_parts(budget: BudgetRecord) -> str:
+def _sum_of_parts(
+    budget: BudgetRecord,
+    *,
+    least: float = 0.01,  # of the error; smaller parts are named together
+) -> str:
     """Write an error as the sum of its parts: what each effect adds alone, and what they add in combination."""
     if budget.ideal_m is None or budget.all_m is None:
         return "unknown"
@@ -200,7 +212,7 @@ def _sum_of_parts(budget: BudgetRecord) -> str:
     parts |= {display_name(item.effect): item.alone_m for item in budget.effects}
     named = {"on ideal kinematics": round(budget.ideal_m, decimals)}
     for name, added in parts.items():
-        if added is not None and abs(added) >= _MIN_NAMED_FRACTION * whole:
+        if added is not None and abs(added) >= least * whole:
             named[name] = round(added, decimals)
     rest = round(whole - sum(named.values()), decimals)
     if rest:
@@ -214,6 +226,7 @@ def _cause(
     measure: Measure,
     *,
     cause_fraction: float = 0.25,  # of the error, or of the part that bodies add; a smaller part is not a cause
+    q_star_fraction: float = 0.5,  # of the error; if q* itself has more, the sheaf is the cause
 ) -> str:
     """Return the dominant cause of an error of the team, and a fix; empty if the error is unknown or zero.
 
@@ -224,13 +237,29 @@ def _cause(
     budget = record.budget(TEAM, measure, "late")
     if budget.ideal_m is None or budget.all_m is None or budget.all_m <= ROUNDING:
         return ""
-    if (budget.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * budget.all_m:
-        return _cause_in_sheaf(record, budget)
+    if (budget.at_q_star_m or 0.0) >= q_star_fraction * budget.all_m:
+        groups = []
+        for scope in record.scopes[1:]:
+            own = record.budget(scope, measure, "late")
+            if (own.at_q_star_m or 0.0) >= q_star_fraction * max(own.all_m or 0.0, ROUNDING):
+                groups.append(scope)
+        where = f" in {listed(groups)}" if 0 < len(groups) < len(record.scopes) - 1 else ""
+        return (
+            f"the sheaf, not the law or the vehicles, as q* itself is {budget.at_q_star_m:.3g} m out of formation"
+            f"{where}: give the edges between groups an `offset`, or increase the weights of sensing and formation "
+            "edges"
+        )
     added = budget.all_m - budget.ideal_m
     least = cause_fraction * budget.all_m
     ignored = _LOWER_GAIN if record.gain is None else ""
-    better = "better links (links.noise, loss, delay)"
-    causes = [(record.saved_by("all-links", TEAM, measure), least, "imperfect links", better)]
+    causes = [
+        (
+            record.saved_by("all-links", TEAM, measure),
+            least,
+            "imperfect links",
+            "better links (links.noise, loss, delay)",
+        )
+    ]
     if record.terms:
         saved = record.saved_by("all-terms", TEAM, measure)
         causes.append((saved, least, joined(record.terms), "the paper's law alone, or better odometry"))
@@ -243,8 +272,14 @@ def _cause(
     if added > _MIN_BODY_FRACTION * budget.all_m:
         for item in budget.effects:
             least_of_bodies = cause_fraction * added
-            change = _CHANGE[item.effect].removesuffix(ignored)
-            causes.append((item.give_back_m or 0.0, least_of_bodies, display_name(item.effect), change))
+            causes.append(
+                (
+                    item.give_back_m or 0.0,
+                    least_of_bodies,
+                    display_name(item.effect),
+                    _CHANGE[item.effect].removesuffix(ignored),
+                )
+            )
     ranked = sorted((cause for cause in causes if cause[0] >= max(cause[1], ROUNDING)), reverse=True)
     if ranked:
         saved, _, name, fix = ranked[0]
@@ -257,20 +292,6 @@ def _cause(
     if part >= cause_fraction * added:
         return f"the time constant tau of the {who}, which add {part:.2g} m with ideal thrusters"
     return f"no single effect, as bodies add {added:.2g} m together: see the interaction in the budget"
-
-
-def _cause_in_sheaf(record: CompareRecord, budget: BudgetRecord) -> str:
-    """Blame the sheaf for an error that q* itself has, and name the groups that are out of formation."""
-    groups = []
-    for scope in record.scopes[1:]:
-        own = record.budget(scope, budget.measure, "late")
-        if (own.at_q_star_m or 0.0) >= _MIN_Q_STAR_FRACTION * max(own.all_m or 0.0, ROUNDING):
-            groups.append(scope)
-    where = f" in {listed(groups)}" if 0 < len(groups) < len(record.scopes) - 1 else ""
-    return (
-        f"the sheaf, not the law or the vehicles, as q* itself is {budget.at_q_star_m:.3g} m out of formation{where}: "
-        "give the edges between groups an `offset`, or increase the weights of sensing and formation edges"
-    )
 
 
 def _without(budget: BudgetRecord, saved: float, name: str) -> str:

@@ -8,7 +8,6 @@ from typing import Any
 
 from mjsheaf._version import __version__
 from mjsheaf.comparing.causes import CompareRecord, PhaseRecord, levers_of, verdict_of
-from mjsheaf.comparing.convergence import ConvergenceRecord, converge
 from mjsheaf.comparing.margins import (
     JUDGED,
     demands_of,
@@ -18,16 +17,20 @@ from mjsheaf.comparing.margins import (
     velocity_limit_of,
     worst_loop,
 )
-from mjsheaf.comparing.measures import (
+from mjsheaf.comparing.page import report_text
+from mjsheaf.comparing.variants import (
+    ConvergenceRecord,
+    Run,
     Series,
     budgets_of,
+    converge,
     errors_by_scope,
     formation_size,
+    ladder_of,
+    run_ablation,
     series_at_q_star,
     span_of,
 )
-from mjsheaf.comparing.page import report_text
-from mjsheaf.comparing.variants import Run, ladder_of, run_ablation
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import Phase
@@ -157,8 +160,14 @@ def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Progres
     if law is None:
         return converge(phases[0].system.remaining, progress)
     grid = phases[0].system.grid
-    why = f"the law is {law.label}, and the theory covers only the paper's law"
-    return ConvergenceRecord(points=[], start_s=grid.start, end_s=grid.start, slope=None, constant=None, reason=why)
+    return ConvergenceRecord(
+        points=[],
+        start_s=grid.start,
+        end_s=grid.start,
+        slope=None,
+        constant=None,
+        reason=f"the law is {law.label}, and the theory covers only the paper's law",
+    )
 
 
 # -- the directory of a comparison -------------------------------------------------------------------------------------
@@ -231,8 +240,13 @@ def add_video(published: Published, quality: str | None = None, progress: Progre
     path = directory / "compare.mp4"
     ideal, physics = (published.comparison.runs[key].dataset for key in ("ideal", "all"))
     options = half_options(scenario, quality)
-    films = partial(both_films, scenario, ideal, physics, options)
-    _, reason = draw_video(films, path, options, progress, f"{directory} is complete except for its video")
+    _, reason = draw_video(
+        partial(both_films, scenario, ideal, physics, options),
+        path,
+        options,
+        progress,
+        f"{directory} is complete except for its video",
+    )
     if not reason:
         record = published.comparison.record.model_copy(update={"video": path.name})
         save_summary(record.model_dump(mode="json"), directory / "compare.json")
@@ -252,18 +266,24 @@ def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.page import Ghost, page_of
 
-    phases = scenario.phases
     ideal, physics = (comparison.runs[key].dataset for key in ("ideal", "all"))
     finished = physics.attrs["status"] == "finished"
     summary = {
         "final": summarize(scenario.system.team, physics),
         "ending": comparison.record.rung("all").ending if finished else None,
     }
-    bounds = bounds_of_phases(phases, physics)
+    bounds = bounds_of_phases(scenario.phases, physics)
     engine = f" --engine {physics.attrs['engine']}" if "engine" in physics.attrs else ""
     controller = comparison.record.controller
     law = f" --controller {controller}" if controller else ""
     again = f"mjsheaf compare scenario.yaml{engine}{law}", " in this directory"
-    notes = comparison.record.verdict
-    twin = Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)
-    return page_of(scenario, phases, physics, summary, bounds, notes=notes, ghosts=[twin], again=again)
+    return page_of(
+        scenario,
+        scenario.phases,
+        physics,
+        summary,
+        bounds,
+        notes=comparison.record.verdict,
+        ghosts=[Ghost("ideal kinematics", None, ideal, scenario.scene.height, twin=True)],
+        again=again,
+    )

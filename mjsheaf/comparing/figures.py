@@ -7,8 +7,17 @@ from typing import Any
 import numpy as np
 
 from mjsheaf.comparing.causes import CompareRecord
-from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, distances
-from mjsheaf.comparing.variants import Run, RungRecord, display_name
+from mjsheaf.comparing.variants import (
+    FORMATION,
+    RMS_OVER,
+    TEAM,
+    TRACKING,
+    BudgetRecord,
+    Run,
+    RungRecord,
+    display_name,
+    distances,
+)
 from mjsheaf.results.store import thin
 from mjsheaf.show.panels import (
     NORMAL,
@@ -29,7 +38,6 @@ from mjsheaf.show.style import AS_USUAL, BLUE, RED, FigureOptions, line_style
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"
 _GREYS = {0: "#7B8494", 1: "#5B6472", 2: "#2F3A4A"}  # colours of the first three variants, which have no effect yet
-_DRAWN = ("part", "base", "alone", "law", "links", "all")  # kinds of variants that have a line
 _MOST_POINTS, _MOST_PANELS = 1500, 4
 
 
@@ -105,8 +113,12 @@ def plot_budget(record: CompareRecord, path: Path, options: FigureOptions = AS_U
     names = ["targets become bodies", "agents become bodies", "interaction of effects"]
     rows = ["at q* already", *names, *(display_name(item.effect) for item in order)]
     what = f"{display_name(record.measure)} ({RMS_OVER[record.measure]} and the second half)"
-    title = f"{record.scenario}: causes of the {what}"
-    figure = new_figure(max(WIDTH, 1.9 + 1.75 * len(scopes)), 1.2 + 0.36 * len(rows), title, options)
+    figure = new_figure(
+        max(WIDTH, 1.9 + 1.75 * len(scopes)),
+        1.2 + 0.36 * len(rows),
+        f"{record.scenario}: causes of the {what}",
+        options,
+    )
     panels = np.atleast_1d(figure.subplots(1, len(scopes), sharey=True))
     for axis, scope, budget in zip(panels, scopes, budgets, strict=True):
         _bars(axis, scope, budget, [item.effect for item in order])
@@ -117,8 +129,12 @@ def plot_budget(record: CompareRecord, path: Path, options: FigureOptions = AS_U
 
 def plot_convergence(record: CompareRecord, path: Path, options: FigureOptions = AS_USUAL) -> None:
     """Plot the distance to the ideal run against the time constant, with fitted and predicted slope."""
-    title = f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks"
-    figure = new_figure(0.65 * WIDTH, 3.6, title, options)
+    figure = new_figure(
+        0.65 * WIDTH,
+        3.6,
+        f"{record.scenario}: bodies converge to the ideal run as their time constant tau shrinks",
+        options,
+    )
     axis: Any = figure.add_subplot()
     found = record.convergence
     known = [(p.tau_s, p.distance_m) for p in found.points if p.distance_m]
@@ -133,8 +149,15 @@ def plot_convergence(record: CompareRecord, path: Path, options: FigureOptions =
         log_axis(axis, "x", span)
         log_axis(axis, "y", np.concatenate([distance, first * span]))
     else:
-        why = fill(found.reason or "too few runs finished", 60)
-        axis.text(0.5, 0.5, why, transform=axis.transAxes, ha="center", va="center", fontsize=NORMAL)
+        axis.text(
+            0.5,
+            0.5,
+            fill(found.reason or "too few runs finished", 60),
+            transform=axis.transAxes,
+            ha="center",
+            va="center",
+            fontsize=NORMAL,
+        )
         axis.set(xticks=[], yticks=[])
     watched = f"both start at q*; from {found.start_s:.2g} s to {found.end_s:.2g} s"
     y = f"largest distance of an agent to its ideal run (m)\n{watched}"
@@ -144,7 +167,8 @@ def plot_convergence(record: CompareRecord, path: Path, options: FigureOptions =
 
 def choose_rungs(record: CompareRecord) -> list[RungRecord]:
     """Return the variants that are drawn: bodies with one effect, all effects, other laws and links, and ideal ones."""
-    bodies = [rung for rung in record.ladder if rung.kind in _DRAWN and not rung.key.startswith("ideal")]
+    kinds = ("part", "base", "alone", "law", "links", "all")
+    bodies = [rung for rung in record.ladder if rung.kind in kinds and not rung.key.startswith("ideal")]
     return [*bodies, record.rung("ideal")]
 
 
@@ -163,8 +187,14 @@ def _bars(axis: Any, scope: str, budget: BudgetRecord, order: list[str]) -> None
     y = 4.0 + np.arange(len(order))
     _barh(axis, np.arange(1, 4), [budget.targets_m, budget.agents_m, budget.interaction_m], 0.5, _BASE)
     _barh(axis, y + 0.2, [e.alone_m for e in effects], 0.36, BLUE, "added to ideal thrusters, alone")
-    given_back = "given back when it is removed from all (below 0: worse without it)"
-    _barh(axis, y - 0.2, [e.give_back_m for e in effects], 0.36, _ALL, given_back)
+    _barh(
+        axis,
+        y - 0.2,
+        [e.give_back_m for e in effects],
+        0.36,
+        _ALL,
+        "given back when it is removed from all (below 0: worse without it)",
+    )
     floor = "blew up" if budget.at_q_star_m is None else f"{1000.0 * budget.at_q_star_m:.0f} mm (no bar)"
     # No bar: it would dwarf the others.
     axis.annotate(floor, (0.0, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=SMALL)

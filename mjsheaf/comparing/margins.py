@@ -17,22 +17,20 @@ from pydantic import Field
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.checking.loop.body_loop import BodyLoop, loop_in_run
-from mjsheaf.comparing.measures import (
+from mjsheaf.comparing.variants import (
     TEAM,
     ErrorsRecord,
     Role,
-    Span,
-    saturation_of,
-    span_of,
-    vehicles_by_role,
-)
-from mjsheaf.comparing.variants import (
     Run,
+    Span,
     Variant,
     changed_systems,
     effects_of,
     has_limits,
     run_ablation,
+    saturation_of,
+    span_of,
+    vehicles_by_role,
     without_links,
 )
 from mjsheaf.loop.system import Phase, System
@@ -82,7 +80,12 @@ class GainTrialRecord(FiniteRecord):
     saturated: Finite = Field(description="fraction of time and of agents' thrusters at a limit, 0 to 1")
 
 
-def find_ringing(phases: Sequence[Phase], ideal: xr.Dataset) -> tuple[int, RingingRecord | None]:
+def find_ringing(
+    phases: Sequence[Phase],
+    ideal: xr.Dataset,
+    *,
+    notable: float = 1.2,  # factor on the usable gain, without an effect, below which it is no cause
+) -> tuple[int, RingingRecord | None]:
     """Analyse the loop of the bodies in the mean flow along the ideal run, in the phase in which it is least damped.
 
     Returns:
@@ -93,7 +96,22 @@ def find_ringing(phases: Sequence[Phase], ideal: xr.Dataset) -> tuple[int, Ringi
         return 0, None
     damping = {k: np.inf if loop.least_damped is None else loop.least_damped.damping for k, loop in loops.items()}
     number = min(damping, key=damping.__getitem__)
-    return number, _with_usable_gains(loops[number], *of_phase(phases, ideal, number))
+    loop = loops[number]
+    system, data = of_phase(phases, ideal, number)
+    system = _without_losses(system)
+    usable: float | None = None
+    effect: Effect = "inertia"
+    without = dict[Effect, float | None]()
+    if loop.least_damped is not None:
+        usable = loop_in_run(system, data, least_damping=MIN_DAMPING).largest_gain
+        for name, variant in _variants(system):
+            other = loop_in_run(variant, data, least_damping=MIN_DAMPING)
+            if other.least_damped is not None:
+                without[name] = other.largest_gain
+        largest = max(without, key=lambda name: without[name] or np.inf, default=None)
+        if largest is not None and usable is not None and (without[largest] or np.inf) > notable * usable:
+            effect = largest
+    return number, RingingRecord(**loop.model_dump(), usable_gain=usable, effect=effect, without=without)
 
 
 def worst_loop(phases: Sequence[Phase], ideal: xr.Dataset) -> LoopRecord:
@@ -114,29 +132,6 @@ def _ways(phases: Sequence[Phase], ideal: xr.Dataset) -> Iterator[tuple[int, Sys
         system, data = of_phase(phases, ideal, k)
         if data.sizes["time"] > 1:
             yield k, system, data
-
-
-def _with_usable_gains(
-    loop: BodyLoop,
-    system: System,
-    data: xr.Dataset,
-    *,
-    notable: float = 1.2,  # factor on the usable gain, without an effect, below which it is no cause
-) -> RingingRecord:
-    """Add the usable gain of a loop, and what limits it."""
-    usable: float | None = None
-    effect: Effect = "inertia"
-    without = dict[Effect, float | None]()
-    if loop.least_damped is not None:
-        usable = loop_in_run(_without_losses(system), data, least_damping=MIN_DAMPING).largest_gain
-        for name, variant in _variants(_without_losses(system)):
-            other = loop_in_run(variant, data, least_damping=MIN_DAMPING)
-            if other.least_damped is not None:
-                without[name] = other.largest_gain
-        largest = max(without, key=lambda name: without[name] or np.inf, default=None)
-        if largest is not None and usable is not None and (without[largest] or np.inf) > notable * usable:
-            effect = largest
-    return RingingRecord(**loop.model_dump(), usable_gain=usable, effect=effect, without=without)
 
 
 def _variants(system: System) -> Iterator[tuple[Effect, System]]:

@@ -10,10 +10,17 @@ from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
 
-from mjsheaf.comparing.causes import LIMITED_BY, CompareRecord, PhaseRecord
+from mjsheaf.comparing.causes import LIMITED_BY, CompareRecord
 from mjsheaf.comparing.margins import MIN_DAMPING
-from mjsheaf.comparing.measures import FORMATION, RMS_OVER, TEAM, TRACKING, BudgetRecord, ItemRecord
-from mjsheaf.comparing.variants import RungRecord, display_name
+from mjsheaf.comparing.variants import (
+    FORMATION,
+    RMS_OVER,
+    TEAM,
+    TRACKING,
+    ItemRecord,
+    RungRecord,
+    display_name,
+)
 from mjsheaf.errors import joined, select_true, shortened
 
 MAX_LINES = 14
@@ -23,7 +30,6 @@ SCREEN_WIDTH = 100
 """Maximum width of a line of that answer, characters."""
 
 _LABEL_WIDTH = 17
-_BUDGET_WIDTH = 62  # maximum width of the budget's first three columns, characters
 WIDTH = 120  # of report.txt; also the minimum on a terminal, so that numbers are not cut
 
 _WORSE = {
@@ -46,14 +52,25 @@ _SECTIONS = [("ideal", "part"), ("base", "alone"), ("all", "without"), ("law",),
 """Kinds of variants in each section of the ladder."""
 
 
-def summary(record: CompareRecord) -> list[str]:
+def summary(
+    record: CompareRecord,
+    *,
+    phases: int = 4,  # with a line on their tracking error
+    characters: int = 36,  # of the events of a phase
+) -> list[str]:
     """Return the answer as lines of text, with the sentences of the verdict that fit, the most important first."""
     lines = wrap(_title(record), SCREEN_WIDTH)[:2]
     for name in dict.fromkeys((TRACKING, record.measure)):
         ideal, bodies = (record.rung(key).error_in_words(name) for key in ("ideal", "all"))
         where = f"{ideal} on ideal kinematics, {bodies} on bodies ({RMS_OVER[name]}, second half)"
         lines.append(f"{display_name(name):<{_LABEL_WIDTH}}{where}")
-    lines += _phase_lines(record.phases)
+    for k, phase in enumerate(record.phases[:phases]):
+        both = [phase.errors[key][TEAM].error(TRACKING) for key in ("ideal", "all")]
+        errors = ", ".join("-" if error is None else f"{error:.3g} m" for error in both)
+        events = shortened(", ".join(phase.events) or "start", characters)
+        lines.append(f"{f'  phase {k}':<{_LABEL_WIDTH}}{errors}: {events}, from {phase.start:.6g} s")
+    if len(record.phases) > phases:
+        lines.append(f"  and {len(record.phases) - phases} more phases in report.txt")
     shown = 0
     for sentence in record.verdict:
         wrapped = wrap(sentence, SCREEN_WIDTH, initial_indent="- ", subsequent_indent="  ", break_on_hyphens=False)
@@ -68,24 +85,6 @@ def summary(record: CompareRecord) -> list[str]:
     return lines
 
 
-def _phase_lines(
-    phases: list[PhaseRecord],
-    *,
-    most: int = 4,
-    characters: int = 36,  # of the events of a phase
-) -> list[str]:
-    """Return a line on the tracking error of each phase of a run with events."""
-    lines = list[str]()
-    for k, phase in enumerate(phases[:most]):
-        ideal, bodies = (phase.errors[key][TEAM].error(TRACKING) for key in ("ideal", "all"))
-        events = shortened(", ".join(phase.events) or "start", characters)
-        errors = ", ".join("-" if error is None else f"{error:.3g} m" for error in (ideal, bodies))
-        lines.append(f"{f'  phase {k}':<{_LABEL_WIDTH}}{errors}: {events}, from {phase.start:.6g} s")
-    if len(phases) > most:
-        lines.append(f"  and {len(phases) - most} more phases in report.txt")
-    return lines
-
-
 def _title(record: CompareRecord) -> str:
     return f"{record.scenario}: ideal kinematics against bodies, {record.law_in_words}, {record.time_s:.6g} s"
 
@@ -93,8 +92,13 @@ def _title(record: CompareRecord) -> str:
 def report(record: CompareRecord) -> Group:
     """Render the comparison as a page."""
     tables = [_ladder(record), _budget(record), *_gains(record), _ringing(record), _speeds(record)]
-    lines = [Padding(Text(f"- {sentence}"), (0, 0, 0, 2)) for sentence in record.verdict]
-    return Group(Text(_title(record), style="bold"), *lines, *_phases(record), *tables, Text(_convergence(record)))
+    return Group(
+        Text(_title(record), style="bold"),
+        *[Padding(Text(f"- {sentence}"), (0, 0, 0, 2)) for sentence in record.verdict],
+        *_phases(record),
+        *tables,
+        Text(_convergence(record)),
+    )
 
 
 def report_text(record: CompareRecord) -> str:
@@ -105,14 +109,19 @@ def report_text(record: CompareRecord) -> str:
 
 
 def _table(*columns: str) -> Table:
-    headings = (Column(name, justify="right" if k else "left", no_wrap=True) for k, name in enumerate(columns))
-    return Table(*headings, header_style="", box=SIMPLE_HEAD, padding=(0, 1))
+    return Table(
+        *(Column(name, justify="right" if k else "left", no_wrap=True) for k, name in enumerate(columns)),
+        header_style="",
+        box=SIMPLE_HEAD,
+        padding=(0, 1),
+    )
 
 
 def _under(title: str, table: Table, *notes: str) -> Group:
     """Put a table under its title, with notes below it; rich would wrap a table's own title to the table's width."""
-    below = [Padding(Text(note, style="dim"), (0, 0, 0, 2)) for note in notes]
-    return Group(Text(f"\n{title}", style="bold"), table, *below)
+    return Group(
+        Text(f"\n{title}", style="bold"), table, *[Padding(Text(note, style="dim"), (0, 0, 0, 2)) for note in notes]
+    )
 
 
 def _number(value: float | None, form: str = ".3g") -> str:
@@ -151,8 +160,11 @@ def _gains(record: CompareRecord) -> list[Group]:
         saturated = "" if trial.saturated is None else f"{100 * trial.saturated:.1f}%"
         ends = (trial.ending or "") if trial.status == "finished" else "BLOWS UP"
         table.add_row(f"{trial.gain:.4g}", *errors, saturated, ends)
-    title = "gain: runs of the bodies as given at the gain and above it; errors in m, RMS over the second half"
-    return [_under(title, table)]
+    return [
+        _under(
+            "gain: runs of the bodies as given at the gain and above it; errors in m, RMS over the second half", table
+        )
+    ]
 
 
 def _ladder(record: CompareRecord) -> Group:
@@ -204,20 +216,29 @@ def _cells(rung: RungRecord) -> list[Text | str | None]:
     ]
 
 
-def _budget(record: CompareRecord) -> Group:
+def _budget(
+    record: CompareRecord,
+    *,
+    width: int = 62,  # of the first three columns, characters, at most
+    least: float = 0.05,  # fraction of the error; it is explained why removing an effect adds more than this
+    resolution: float = 0.0005,  # m; smaller values are shown as 0
+) -> Group:
     team, *groups = (record.budget(scope, record.measure, "late") for scope in record.scopes)
     widths = [
         max(map(len, [b.scope, *map(_alone_and_back, b.effects), _millimetres(b.ideal_m), _millimetres(b.all_m)])) + 2
         for b in groups
     ]
-    fitting = [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - _BUDGET_WIDTH]
+    fitting = [b for b, total in zip(groups, accumulate(widths), strict=True) if total <= WIDTH - width]
     budgets = [team, record.budget(TEAM, record.measure, "final"), *fitting]
     table = _table("", "team", "team, at the end", *(b.scope for b in budgets[2:]))
 
     def rows(labels: dict[str, str]) -> None:
         for field, label in labels.items():
-            cells = (_millimetres(getattr(b, field)) for b in budgets)
-            table.add_row(label, *cells, style="bold" if field in ("ideal_m", "all_m") else None)
+            table.add_row(
+                label,
+                *(_millimetres(getattr(b, field)) for b in budgets),
+                style="bold" if field in ("ideal_m", "all_m") else None,
+            )
 
     rows(_BEFORE_EFFECTS)
     table.add_section()
@@ -233,28 +254,20 @@ def _budget(record: CompareRecord) -> Group:
         "at q* already: error with the agents of the ideal run at q*; not part of the sum",
         "compare.json has the tracking and formation error of every group, over the second half and at the end",
     ]
-    return _under(title, table, *notes, *_worse_without([team, *groups]))
-
-
-def _alone_and_back(item: ItemRecord) -> str:
-    return f"{_millimetres(item.alone_m)} / {_millimetres(item.give_back_m)}"
-
-
-def _worse_without(
-    budgets: list[BudgetRecord],
-    *,
-    least: float = 0.05,  # fraction of the error; the page explains why removing an effect adds more than this
-    resolution: float = 0.0005,  # m; the page shows smaller values as 0
-) -> list[str]:
-    """Explain why removing an effect makes an error worse, if it does so notably."""
     worse = {
         item.effect
-        for b in budgets
+        for b in (team, *groups)
         for item in b.effects
         if (item.give_back_m or 0.0) < -max(least * (b.all_m or 0.0), resolution)
     }
     reasons = [f"{display_name(effect)}: {why}" for effect, why in _WORSE.items() if effect in worse]
-    return ["; ".join(["below 0: worse without it", *reasons])] if worse else []
+    if worse:
+        notes.append("; ".join(["below 0: worse without it", *reasons]))
+    return _under(title, table, *notes)
+
+
+def _alone_and_back(item: ItemRecord) -> str:
+    return f"{_millimetres(item.alone_m)} / {_millimetres(item.give_back_m)}"
 
 
 def _millimetres(value: float | None) -> str:
@@ -276,8 +289,12 @@ def _ringing(record: CompareRecord) -> Group | Text:
     title = f"ringing: the least damped mode ({about}) has the damping ratio {mode.damping:.3f} at {mode.frequency:.3g}"
     note = f"the gain is usable while every mode has a damping ratio of {MIN_DAMPING}: it overshoots by 37% at most"
     known = [one.largest_gain for one in (ringing, record.loop) if one is not None and one.largest_gain is not None]
-    limit = f"limited by {LIMITED_BY[ringing.effect]}; unstable above {_number(min(known, default=None))} 1/s"
-    return _under(f"{title} rad/s", table, note, limit)
+    return _under(
+        f"{title} rad/s",
+        table,
+        note,
+        f"limited by {LIMITED_BY[ringing.effect]}; unstable above {_number(min(known, default=None))} 1/s",
+    )
 
 
 def _speeds(record: CompareRecord) -> Group:
@@ -295,8 +312,12 @@ def _speeds(record: CompareRecord) -> Group:
             )
     best = ", ".join(f"in {f.moves_in} {f.vehicle} {f.speed_m_s:.3g}" for f in record.fastest)
     title = "maximum speeds commanded in the second half, relative to the medium, m/s"
-    holds = "sustained: steady speed through the medium at full thrust, in the slowest horizontal direction and ahead"
-    return _under(title, table, holds, f"fastest real vehicles (slowest way): {best}")
+    return _under(
+        title,
+        table,
+        "sustained: steady speed through the medium at full thrust, in the slowest horizontal direction and ahead",
+        f"fastest real vehicles (slowest way): {best}",
+    )
 
 
 def _convergence(record: CompareRecord) -> str:

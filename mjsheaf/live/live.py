@@ -16,9 +16,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import body_loop
+from mjsheaf.checking.loop.body_loop import body_loop, medium_on_path
 from mjsheaf.checking.loop.held_law import loop_of
-from mjsheaf.checking.loop.linear_team import medium_on_path
 from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.errors import InputError, MjsheafError, UndecidedError, in_field

@@ -30,7 +30,7 @@ from mjsheaf.media.medium import (
 from mjsheaf.media.varying import Bounds, Exposure
 from mjsheaf.team import Team
 from mjsheaf.vehicles.allocation import EffectivenessArrays
-from mjsheaf.vehicles.effects import Effects, capability_of, embody, of_each
+from mjsheaf.vehicles.effects import Effects, capability_of, embody, hold_station, of_each
 from mjsheaf.vehicles.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -475,6 +475,18 @@ class System:
             air = mean_flow(wind.air, v, end, self._above_hulls)
             return (air - mean_flow(self.medium, v, end, self.initial)) * wind.met[:, None] * [1.0, 1.0, 0.0]
         return np.zeros_like(self.initial)
+
+    def drift_in_wind(self, medium: Array) -> Array:
+        """Compute the velocity that wind adds to that which agents command, where they hold station, shape (N, 3), m/s.
+
+        Args:
+            medium: Velocity of the water relative to the place of each agent, shape (N, 3), m/s.
+        """
+        drift = np.zeros_like(medium)
+        for i in np.flatnonzero(self.mean_wind[: len(medium)].any(axis=1)).tolist():
+            heading, wind = float(self.bodies.heading[i]), self.mean_wind[i] + medium[i]
+            drift[i, :2] = -medium[i, :2] - hold_station(self.vehicles[i], heading, medium[i], wind)[1]
+        return drift
 
     def require_fitting(self) -> None:
         """Require that what moves in the medium, and what keeps vehicles apart, fit the run.

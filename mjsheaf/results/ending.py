@@ -17,7 +17,8 @@ An agent is stuck while, for MIN_DURATION or longer and second after second,
 - the vehicle moves through the medium at less than a tenth of that, and of the speed of which it is capable, and does
   not gather speed.
 
-An agent that has left the team is not stuck, and neither is one that is carried along by the medium it should rest in.
+An agent that has left the team is not stuck, and neither is one that is carried along by the medium it should rest in,
+nor one whose command holds it against the wind on its hull: it differs from what that takes by half of it at most.
 """
 
 from collections.abc import Sequence
@@ -210,7 +211,9 @@ _BLOCK = 1.0  # s, over which velocities are averaged
 _MAX_BLOCKS = 2000
 _MAX_MADE = 0.1  # of the commanded speed
 _MAX_GAIN = 0.02  # of the commanded speed, that an agent which is still under way gathers from block to block
-_MOSTLY = 0.5  # of thrusters at a limit
+_MOSTLY = (
+    0.5  # of thrusters at a limit; and by how much a command differs from that which holds a hull against the wind
+)
 
 
 @dataclass(frozen=True)
@@ -272,10 +275,12 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
     begin = [phase.time for phase in phases]
     number = np.clip(np.searchsorted(begin, blocks.time, side="right") - 1, 0, None)
     still = blocks.still & present[number[:-1]] & present[number[1:]]
+    held = -system.drift_in_wind(np.zeros((still.shape[1], 3)))  # what an agent at rest is commanded in wind
     for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command
         still[:, v] &= blocks.speed[:, v] < _MAX_MADE * capability_of(system.vehicles[v]).least_speed
         # Nor is it where the command holds it against the wind on its hull.
-        still[:, v] &= not system.mean_wind[v].any() or blocks.saturation[:, v] > _MOSTLY
+        beyond = np.linalg.norm(blocks.asked[:, v] - held[v], axis=1)
+        still[:, v] &= (beyond > _MOSTLY * np.linalg.norm(held[v])) | (blocks.saturation[:, v] > _MOSTLY)
     found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]
     return sorted((stuck for stuck in found if stuck), key=lambda stuck: (-stuck.duration, stuck.agent))
 

@@ -15,8 +15,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking.loop import body_loop as bodies
-from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop
-from mjsheaf.checking.loop.linear_team import mean_medium
+from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop, mean_medium
 from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import check, load_scenario, simulate
-from mjsheaf.checking.examination import examine_scenario
+from mjsheaf.checking.check import examine_scenario
 from mjsheaf.checking.report import screen
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.checking.theorem.constants import agent_flow

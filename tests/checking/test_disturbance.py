@@ -348,6 +348,6 @@ def test_a_loop_that_is_not_finite_has_no_prediction(monkeypatch: pytest.MonkeyP
     def fails(*args: Any) -> None:
         raise np.linalg.LinAlgError("not finite")
 
-    monkeypatch.setattr("mjsheaf.checking.loop.disturbance.whole_loop", fails)
+    monkeypatch.setattr("mjsheaf.checking.loop.prediction.whole_loop", fails)
     sea = mjsheaf.check(team(), trial=False)["disturbance"]
     assert (sea["rms"], sea["reason"], sea["bodies_reason"]) == (None, "not finite", "not finite")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from mjsheaf.checking.fragility import (
+from mjsheaf.checking.spectrum import (
     CONNECTED,
     MOST_CRITICAL,
     SENSED,
@@ -133,7 +133,7 @@ RING = [("U1", "U2"), ("U2", "U3"), ("U3", "U1")]
 def test_the_large_path_finds_what_trying_shows(team: Team) -> None:
     """Bridges, articulation points and targets seen once, with no word on lambda_min."""
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_STATES", 0)
+        monkeypatch.setattr("mjsheaf.checking.spectrum.EXACT_STATES", 0)
         found, (losses, exact) = fragility(team), single_losses(team)
     assert not exact
     assert not found.exact
@@ -149,7 +149,7 @@ def test_the_large_path_finds_what_trying_shows(team: Team) -> None:
 def test_many_losses_take_the_large_path_too(monkeypatch: pytest.MonkeyPatch) -> None:
     ring = make_team("U1 U2 U3", "V1", RING, [("U1", "V1")])
     assert fragility(ring).exact
-    monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_LOSSES", 7)
+    monkeypatch.setattr("mjsheaf.checking.spectrum.EXACT_LOSSES", 7)
     assert [(loss.kind, loss.name, loss.breaks) for loss in single_losses(ring)[0]] == [
         ("sensing", "U1 - V1", (SENSED,)),
         ("target", "V1", (SENSED,)),
@@ -214,7 +214,7 @@ def test_what_fails_already_hides_nothing(exact: bool, monkeypatch: pytest.Monke
         "B1 B2 B3 B4 B5", "S1 S2 S3", [("B1", "B2"), ("B3", "B4"), ("B4", "B5")], [("B1", "S1"), ("B2", "S2")]
     )
     if not exact:
-        monkeypatch.setattr("mjsheaf.checking.fragility.EXACT_STATES", 0)
+        monkeypatch.setattr("mjsheaf.checking.spectrum.EXACT_STATES", 0)
     found = fragility(split)
     assert found.worst is None
     free = (TRIVIAL,) * exact

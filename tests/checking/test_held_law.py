@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import mjsheaf
-from mjsheaf.checking.examination import propose
+from mjsheaf.checking.check import propose
 from mjsheaf.checking.loop import held_law
 from mjsheaf.checking.loop.body_loop import loop_on_path
 from mjsheaf.checking.loop.held_law import Envelope, envelope, law_loop, loop_of

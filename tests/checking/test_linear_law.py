@@ -14,10 +14,9 @@ from numpy.polynomial.chebyshev import chebroots
 import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop import linear_law
-from mjsheaf.checking.loop.held_law import _noise, law_loop, loop_of
+from mjsheaf.checking.loop.held_law import Loop, _noise, closed, delayed, ideal_vehicle, law_loop, loop_of
 from mjsheaf.checking.loop.linear_law import LinearController, model_of
 from mjsheaf.checking.loop.links import largest_delay
-from mjsheaf.checking.loop.sampled_loop import Loop, closed, delayed, ideal_vehicle
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.law import new_memory

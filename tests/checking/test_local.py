@@ -330,7 +330,7 @@ def test_records_are_json_and_have_verdicts() -> None:
     from rich.console import Console
 
     from mjsheaf.checking import examine_scenario
-    from mjsheaf.checking.problems import headline
+    from mjsheaf.checking.record import headline
     from mjsheaf.checking.report import report
 
     for scenario in (keeping(TRIANGLE, complete(3), "range"), following(), keeping(SQUARE, RING, "bearing")):

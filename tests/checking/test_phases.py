@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import check, load_scenario, save, simulate
-from mjsheaf.checking.fragility import fragility
-from mjsheaf.checking.spectrum import explain
+from mjsheaf.checking.spectrum import explain, fragility
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team

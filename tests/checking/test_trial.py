@@ -12,8 +12,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.checking import trial as trials
-from mjsheaf.checking.problems import headline
-from mjsheaf.checking.record import CheckRecord
+from mjsheaf.checking.record import CheckRecord, headline
 from mjsheaf.checking.report import screen
 from mjsheaf.scenario import Scenario
 from tests.builders import DATA

@@ -16,9 +16,8 @@ from mjsheaf.checking.loop.body_loop import BodyLoop, Swing
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.compare import Comparison
 from mjsheaf.comparing.margins import worst_loop
-from mjsheaf.comparing.measures import present_in
 from mjsheaf.comparing.page import WIDTH, report_text
-from mjsheaf.comparing.variants import ladder_of, run_ablation
+from mjsheaf.comparing.variants import ladder_of, present_in, run_ablation
 from mjsheaf.files import dump_yaml
 from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.scenario import Scenario

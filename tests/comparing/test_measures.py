@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjsheaf.comparing.measures import budget_of, root_mean_square, span_of
-from mjsheaf.comparing.variants import ladder_of
+from mjsheaf.comparing.variants import budget_of, ladder_of, root_mean_square, span_of
 from tests.builders import two_boats
 
 

@@ -12,9 +12,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjsheaf.comparing.convergence import converge
 from mjsheaf.comparing.margins import RingingRecord, find_ringing
-from mjsheaf.comparing.measures import positions_at_q_star
+from mjsheaf.comparing.variants import converge, positions_at_q_star
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import System, phases_of
 from mjsheaf.scenario import Scenario

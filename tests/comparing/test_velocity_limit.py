@@ -8,7 +8,7 @@ import pytest
 
 from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.measures import root_mean_square
+from mjsheaf.comparing.variants import root_mean_square
 from mjsheaf.scenario import Scenario
 from tests.builders import approx, two_boats
 

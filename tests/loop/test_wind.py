@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from scipy.optimize import fsolve
 
 from mjsheaf import check, load_scenario, simulate
+from mjsheaf.checking.trial import _limited
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet, wind_wrench
 from mjsheaf.loop.session import engine_of
+from mjsheaf.results.ending import find_stuck
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.effects import hold_station
 from mjsheaf.vehicles.loading import load_vehicle
@@ -317,6 +319,20 @@ def test_a_boat_at_its_hand_point_lies_with_its_bows_in_the_wind(heading: float)
 def test_standing_against_the_wind_is_not_being_stuck() -> None:
     answer = check(scenario("wamv", [12.0, 5.0], headings=[60.0]))
     assert answer["ok"], answer
+
+
+@pytest.mark.parametrize("boat", BOATS)
+def test_a_hull_that_something_holds_fast_is_stuck_in_any_wind(boat: str) -> None:
+    """Of a run in a light wind, commands and velocities are changed to those of a boat that is moored."""
+    given = scenario(boat, [2.0, 0.5], headings=[60.0])
+    data = simulate(given, engine="fused")
+    assert not find_stuck(given.phases, data)
+    assert (_limited(given.system, data) < 1.0).all()
+    data["velocity_command"].values[..., :2] = [0.3, 0.4]
+    data["agent_velocity"].values[:] = data["agent_flow"].values
+    (stuck,) = find_stuck(given.phases, data)
+    assert stuck.asked == pytest.approx(0.5)
+    assert (_limited(given.system, data) == 1.0).all()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ team falls apart into one small matrix for each eigenvalue of H, whatever its si
 team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose responses to a command differ by
 2 % at most count as the same, and of others nothing is claimed.
 
-Measurements that are all some periods old are positions that vehicles show late (see `sampled_loop.delayed`). With
+Measurements that are all some periods old are positions that vehicles show late (see `held_law.delayed`). With
 delays of some edges alone, or losses, nothing is claimed.
 
 In large motions thrusters meet their limits. The loop leaves out how the flow changes along the way, and the targets;
@@ -25,29 +25,225 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, UNKNOWN_ROUNDS, common_delay, loop_of
-from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
-from mjsheaf.checking.loop.linear_team import (
-    are_alike,
-    difference_of,
-    linear_vehicles,
-    mean_medium,
-    medium_about_targets,
-    medium_on_path,
-    period_of_law,
-    response_of,
+from mjsheaf.checking.loop.held_law import (
+    ROUNDS_OF_FITTING_EDGES,
+    UNKNOWN_ROUNDS,
+    closed,
+    common_delay,
+    delayed,
+    ideal_vehicle,
+    loop_of,
 )
-from mjsheaf.checking.loop.sampled_loop import closed, delayed
+from mjsheaf.checking.loop.linear_law import LawModel, LinearController, model_of, require_model, without_memory
 from mjsheaf.checking.spectrum import DENSE_STATES, Spectrum, matrix_of, spectrum_of
 from mjsheaf.checking.theorem.certificate import Certificate
-from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness
+from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
+from mjsheaf.checking.theorem.targets import TargetPath, TargetsLoop, TargetsOnBodies, stiffness, targets_loop
 from mjsheaf.errors import InputError, NoModelError, OverpoweredError, UndecidedError
-from mjsheaf.loop.linear import LinearVehicle
+from mjsheaf.loop.linear import HeldPoint, LinearVehicle, linearise, power
 from mjsheaf.loop.system import Phase, System, whole_ratio
+from mjsheaf.media.medium import WITHOUT_MEAN
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.ending import Ending, Stuck, ending_of_motion
 from mjsheaf.section import Record
 from mjsheaf.threads import one_thread
+from mjsheaf.vehicles.effects import hold_station, is_one_sided, turning_of
+
+
+def period_of_law(system: System) -> float:
+    """Return the time between evaluations of the law, s: a physics step where it is continuous.
+
+    Raises:
+        InputError: The timestep does not divide the control period.
+    """
+    period = system.grid.period
+    return period / whole_ratio(period, system.bodies.timestep) if system.grid.continuous else period
+
+
+def ideal_team(system: System) -> list[LinearVehicle]:
+    """Return every agent on ideal kinematics."""
+    return [ideal_vehicle(system.grid.period, agent.dimension) for agent in system.team.agents]
+
+
+def linear_vehicles(
+    system: System,
+    numbers: Sequence[int],
+    medium: Array,
+    *,
+    most_points: int = 200,
+) -> list[LinearVehicle]:
+    """Return the linear vehicle of each of some vehicles of a system; those that are alike share one.
+
+    Of many vehicles those that meet the extremes of the flow are linearised, and stand for all if they behave alike.
+
+    Args:
+        system: The system.
+        numbers: Numbers of the vehicles, length n.
+        medium: Velocity of the medium relative to the place that each holds, shape (n, 3), m/s.
+        most_points: Largest number of vehicles that are linearised one by one.
+
+    Raises:
+        UndecidedError: One has none, they do not behave alike, or a step is not finite.
+    """
+    if not np.isfinite(medium).all():
+        raise UndecidedError("the mean flow along q* is not known")
+    names = [system.team.members[v].id for v in numbers]
+    # By number of the vehicle, and medium and heading in which it holds its place.
+    points = dict[tuple[int, bytes], HeldPoint]()
+    keys = []
+    for v, name, met in zip(numbers, names, medium, strict=True):
+        speed = float(np.linalg.norm(met))
+        if speed > system.law.limit[v]:
+            raise OverpoweredError(
+                f"{name}: the mean flow, {speed:.3g} m/s relative to its place, is beyond its velocity limit"
+            )
+        point = _held_point(system, v, met)
+        keys.append((id(point.vehicle), np.round([*point.medium, point.heading, *point.wind], 4).tobytes()))
+        points.setdefault(keys[-1], point)
+    many = len(points) > most_points
+    chosen = list(points)
+    if many:
+        if len({vehicle for vehicle, _ in points}) > 1:
+            raise UndecidedError("too many unlike vehicles")
+        flows = np.array([point.medium for point in points.values()])  # its extremes, and some between
+        extreme = {*flows.argmin(axis=0), *flows.argmax(axis=0), *np.linspace(0, len(flows) - 1, 20).astype(int)}
+        chosen = [chosen[k] for k in sorted(int(k) for k in extreme)]
+    try:
+        period = period_of_law(system)
+        steps = whole_ratio(period, system.bodies.timestep)
+        found = linearise([points[key] for key in chosen], system.control, period / steps, steps)
+    except (InputError, np.linalg.LinAlgError) as error:
+        raise UndecidedError(f"the vehicles cannot be linearised: {error}") from error
+    models = {
+        key: _require_linear(names[keys.index(key)], points[key], model)
+        for key, model in zip(chosen, found, strict=True)
+    }
+    if not many:
+        return [models[key] for key in keys]
+    if not are_alike(list(models.values()), period):
+        raise UndecidedError("too many vehicles that behave differently in the flows that they meet")
+    return [models[chosen[0]]] * len(keys)
+
+
+def _require_linear(
+    name: str,
+    point: HeldPoint,
+    model: LinearVehicle | str,
+    *,
+    still: float = 1e-3,  # m/s: a slower medium is at rest
+    way: float = 1.5,  # over the speed from which a boat that cannot go astern turns round: it then has a model
+) -> LinearVehicle:
+    """Return the linear vehicle of a member about a point.
+
+    Raises:
+        UndecidedError: It has none; the model then says why.
+    """
+    speed = float(np.linalg.norm(point.medium))
+    if isinstance(model, str):
+        why = f"{model} (some push one way only)" if is_one_sided(point.vehicle) else model
+        if speed < still:
+            raise NoModelError(f"{name} has no linear model at rest: {why}")
+        raise OverpoweredError(
+            f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place"
+            f"{' and in its wind' if point.wind.any() else ''}: {why}"
+        )
+    turning = turning_of(point.vehicle)
+    if turning is not None and speed < way * turning.speed:
+        raise NoModelError(
+            f"{name} has no linear model at {speed:.3g} m/s through the medium: its vehicle cannot go astern, and "
+            f"turns round for a target behind it unless it makes {way * turning.speed:.3g} m/s"
+        )
+    return model
+
+
+def _held_point(
+    system: System,
+    number: int,
+    medium: Array,
+    *,
+    time_constants: float = 3.0,  # l / |w| of turning into the current, that a run must last to turn a boat
+) -> HeldPoint:
+    """Return where a vehicle holds its place; one that holds no heading turns into the current if the run lasts.
+
+    In wind, it turns until nothing pushes it abeam.
+    """
+    vehicle, heading, wind = system.vehicles[number], float(system.bodies.heading[number]), system.mean_wind[number]
+    if wind.any():
+        lies, command, _ = hold_station(vehicle, heading, medium, wind + medium)
+        lies = heading if vehicle.steering.attitude else lies
+        return HeldPoint(vehicle, medium, lies, wind + medium, np.append(command, 0.0))
+    if vehicle.steering.attitude:
+        return HeldPoint(vehicle, medium, heading)
+    span = system.grid.period * system.grid.steps
+    if float(np.hypot(medium[0], medium[1])) * span < time_constants * vehicle.steering.hand:
+        return HeldPoint(vehicle, np.zeros(3), heading)
+    return HeldPoint(vehicle, medium, float(np.arctan2(-medium[1], -medium[0])))
+
+
+def response_of(
+    model: LinearVehicle,
+    period: float,
+    *,
+    span: float = 10.0,  # s, over which responses are compared
+) -> Array:
+    """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
+    s, n = model.B.shape
+    count = int(np.clip(span / period, 20, 400))
+    stride = max(1, round(span / period / count))
+    step = power(model, stride)
+    state, found = np.vstack([np.zeros((s + n, n)), np.eye(n)]), []
+    for k in range(count):
+        state = step @ state
+        found.append(state[s : s + n] - (k + 1) * stride * period * np.eye(n))
+    return np.array(found)
+
+
+def difference_of(one: Array, other: Array) -> float:
+    """Largest difference of two responses, as a share of the larger of them."""
+    return float(np.abs(one - other).max() / max(np.abs(one).max(), np.abs(other).max()))
+
+
+def are_alike(
+    models: list[LinearVehicle],
+    period: float,
+    *,
+    difference: float = 0.02,  # largest difference between representatives of a large team, of a vehicle's response
+) -> bool:
+    """Return True if vehicles respond to a command in nearly the same way."""
+    first = response_of(models[0], period)
+    responses = (response_of(model, period) for model in models[1:])
+    return all(r.shape == first.shape and difference_of(r, first) <= difference for r in responses)
+
+
+def medium_on_path(system: System, path: TargetPath) -> Array:
+    """Return the mean velocity of the medium along the targets' path, see `mean_medium`; NaN where none is known.
+
+    Under gusts, which leave no certain path, it is that of targets that stay where they begin.
+    """
+    gusts = not np.isfinite(system.moving_bounds.speed).all()
+    known = (path.cells is not None or gusts) and targets_loop(system).stable
+    return mean_medium(system, path.time, path.q_star) if known else np.full((len(system.team.agents), 3), np.nan)
+
+
+def mean_medium(
+    system: System,
+    time: Array,
+    q_star: Array,
+    *,
+    most_samples: int = 200,  # of the path, for the mean flow
+) -> Array:
+    """Mean velocity of the medium relative to each agent's q*, along its path, shape (N, 3), m/s; no disturbance.
+
+    The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
+    """
+    some = slice(None, None, max(1, len(q_star) // most_samples))
+    w = agent_flow(system, q_star[some]) + agent_motion(system, time[some], q_star[some], WITHOUT_MEAN)
+    mean = np.trapezoid(w, time[some], axis=0) / float(time[some][-1] - time[0])
+    return system.team.unpack(mean - (q_star[-1] - q_star[0]) / float(time[-1] - time[0]))
+
+
+# -- the loop ----------------------------------------------------------------------------------------------------------
+
 
 LARGEST_WHOLE = 400
 """Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
@@ -56,9 +252,6 @@ NEUTRAL_RATE = 1e-5
 """1/s: rates below it are the rounding of neutral directions."""
 
 _SHOWN = 0.2  # part of a displacement that a mode must carry for its damping to count
-MODE_AT_REST = 1e-6
-"""m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it."""
-
 
 Obstacle = Literal["", "overpowered", "no model"]
 """What keeps a vehicle from having a loop: see `BodyLoop`."""
@@ -175,13 +368,18 @@ class Block(NamedTuple):
         for chosen in self.sets:
             yield np.arange(M.shape[-1])[chosen], M[..., chosen, :][..., chosen]
 
-    def modes(self, gain: float) -> Iterator[Modes]:
+    def modes(
+        self,
+        gain: float,
+        *,
+        least: float = 1e-6,  # m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it
+    ) -> Iterator[Modes]:
         """Find all modes, or those at the sampled eigenvalues."""
         for chosen, M in self.matrices(gain):
             factors, vectors = np.linalg.eig(M)
             held = chosen[chosen < len(self.plant.C)]
             z = vectors[..., : len(held), :]
-            moves = np.linalg.norm(z, axis=-2) > MODE_AT_REST * np.linalg.norm(vectors, axis=-2)
+            moves = np.linalg.norm(z, axis=-2) > least * np.linalg.norm(vectors, axis=-2)
             rows = np.linalg.pinv(vectors)[..., : len(held)]
             shown = np.linalg.norm(z, axis=-2) * np.linalg.norm(rows, axis=-1)
             agent = self.agent[:, None]
@@ -189,8 +387,9 @@ class Block(NamedTuple):
                 agent = np.where(moves, self.owner[np.abs(self.places[:, held] @ z).argmax(axis=-2)], -1)
             agent = np.broadcast_to(agent, factors.shape)
             sure = (agent >= 0) | bool(len(self.owner))
-            factor = factors.ravel().astype(np.complex128)
-            yield Modes(factor, agent.ravel(), moves.ravel(), shown.ravel(), sure.ravel())
+            yield Modes(
+                factors.ravel().astype(np.complex128), agent.ravel(), moves.ravel(), shown.ravel(), sure.ravel()
+            )
 
     def growth(self, gain: float) -> float:
         """Return the growth over a period of the fastest growing mode."""
@@ -268,9 +467,12 @@ def body_loop(
     this damping ratio; see `TeamLoop.largest_gain`.
     """
     period = system.grid.period
-    links = system.law.links.table
     lost = UNKNOWN_ROUNDS if system.law.terms.rounds.imperfect else ""
-    if common_delay(system) is None or links["lossy"].any() or np.isfinite(links["range"]).any():
+    if (
+        common_delay(system) is None
+        or system.law.links.table["lossy"].any()
+        or np.isfinite(system.law.links.table["range"]).any()
+    ):
         lost = "measurements are delayed or lost"  # the loop would have to remember what is under way
     try:
         period = period_of_law(system)
@@ -298,8 +500,9 @@ def body_loop(
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
         unsolved = isinstance(error, np.linalg.LinAlgError)  # a matrix that is not finite
         reason = lost or (f"the loop cannot be solved: {error}" if unsolved else str(error))
-        obstacle = _OBSTACLES.get(type(error), "")
-        return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=reason, obstacle=obstacle)
+        return BodyLoop(
+            **dict.fromkeys(_OF_LOOP), period=period, reason=reason, obstacle=_OBSTACLES.get(type(error), "")
+        )
     stable = loop.is_stable(modes)
     if lost:
         return BodyLoop(**dict.fromkeys(_OF_LOOP), period=period, reason=lost, stable_over_exact_links=stable)
@@ -321,8 +524,13 @@ def loop_in_run(system: System, data: xr.Dataset, *, gain: bool = True, least_da
     """The loop in the mean flow along q* in the data of a run under a system."""
     time = data["time"].values
     path = np.nan_to_num(data["harmonic_extension"].values).reshape(len(time), -1)
-    medium = mean_medium(system, time, path[:, system.team.slots[: system.team.first_state[-1]]])
-    return body_loop(system, spectrum_of(system.team), medium, gain=gain, least_damping=least_damping)
+    return body_loop(
+        system,
+        spectrum_of(system.team),
+        mean_medium(system, time, path[:, system.team.slots[: system.team.first_state[-1]]]),
+        gain=gain,
+        least_damping=least_damping,
+    )
 
 
 def ending_of_run(
@@ -353,16 +561,6 @@ def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
     return body_loop(system, certificate.spectrum, medium_on_path(system, certificate.constants.path))
 
 
-def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> tuple[Array, Array]:
-    """Return the matrix of the closed loop, on held positions, states and the law's memory, and the positions' basis.
-
-    Raises:
-        UndecidedError: It is too large.
-    """
-    block = _whole(system, spectrum, models)
-    return closed(block.plant, block.law(system.gain)), block.places
-
-
 def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> TeamLoop:
     """The loop of the team, apart by modes of H where that is exact.
 
@@ -372,13 +570,13 @@ def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], peri
     kinds = list({id(model): model for model in models}.values())
     if len(kinds) > 1:
         try:
-            return TeamLoop([_whole(system, spectrum, models)], period)
+            return TeamLoop([whole_loop(system, spectrum, models)], period)
         except UndecidedError:
             if not are_alike(kinds, period):
                 raise
     plain = system.team.symmetric and not system.team.stressed
     parts = _parts(system, spectrum, kinds[0], period) if plain else []
-    return TeamLoop(parts or [_whole(system, spectrum, models)], period)
+    return TeamLoop(parts or [whole_loop(system, spectrum, models)], period)
 
 
 def _parts(
@@ -452,7 +650,7 @@ def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[A
     return values, np.append(np.full(len(values) - 1, -1), agents[np.abs(vector[:, 0]).argmax()])
 
 
-def _whole(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> Block:
+def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> Block:
     """The loop of a whole team of unlike vehicles, on what H holds.
 
     Raises:
@@ -494,8 +692,9 @@ def joined(
         found = law(gain)
         return found._replace(B=found.B @ Q, D=found.D @ Q)
 
-    acts = closed(plant, in_basis(1.0)) != 0.0
-    count, which = connected_components(sparse.csr_array(acts), directed=True, connection="strong")
+    count, which = connected_components(
+        sparse.csr_array(closed(plant, in_basis(1.0)) != 0.0), directed=True, connection="strong"
+    )
     sets = [np.flatnonzero(which == k) for k in range(count)]
     largest = max(map(len, sets))
     if largest > LARGEST_WHOLE:
@@ -509,23 +708,28 @@ def joined(
 # and all are closed through u = -S p: see `stiffness` for S.
 
 
-def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
-    """Return the loop with what the targets' vehicles make of it, along a path."""
-    moves = loop.rate > 0.0 and system.team.targets
-    return loop.model_copy(update={"bodies": _on_bodies(system, path)}) if moves else loop
-
-
 @one_thread
-def _on_bodies(system: System, path: TargetPath) -> TargetsOnBodies:
-    """Close the targets' law through their vehicles, in the mean flow along their path."""
+def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
+    """Return the loop with what the targets' vehicles make of it, in the mean flow along their path."""
+    if not (loop.rate > 0.0 and system.team.targets):
+        return loop
     S = stiffness(system).toarray()
     owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
     try:
-        numbers = range(len(system.team.agents), len(system.team.members))
-        models = linear_vehicles(system, numbers, medium_about_targets(system, path))
-        block = joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)
-        loop = TeamLoop([block], period_of_law(system))
-        modes = loop.modes(1.0)
+        # The mean velocity of the medium relative to each target's path, shape (M, 3), m/s. If the path is unknown or
+        # diverges, it is that where the target begins.
+        N = len(system.team.agents)
+        bounded = path.cells is not None and targets_loop(system).stable
+        positions = path.positions[:, N:] if bounded else system.initial[None, N:]
+        medium = -(positions[-1] - positions[0]) / float(path.time[-1] - path.time[0])
+        for k in range(len(medium)):
+            medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
+        models = linear_vehicles(system, range(N, len(system.team.members)), medium)
+        team_loop = TeamLoop(
+            [joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)], period_of_law(system)
+        )
+        modes = team_loop.modes(1.0)
+        bodies = TargetsOnBodies(stable=team_loop.is_stable(modes), spectral_radius=modes.radius, reason="")
     except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
-        return TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
-    return TargetsOnBodies(stable=loop.is_stable(modes), spectral_radius=modes.radius, reason="")
+        bodies = TargetsOnBodies(stable=None, spectral_radius=None, reason=str(error))
+    return loop.model_copy(update={"bodies": bodies})

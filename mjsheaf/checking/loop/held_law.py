@@ -1,4 +1,18 @@
-"""The held law with its terms, per eigenvalue of H: its loop, the gains that hold it stable, and a bound on a run.
+"""The held law on ideal kinematics, per eigenvalue of H: its loop, the gains that hold it stable, and a bound on a run.
+
+A loop is closed in one place, `closed`: vehicles, linearised over a period, around a law, which is linear too. Ideal
+agents are vehicles whose position moves as commanded (`ideal_vehicle`). Vehicles whose position is measured some
+periods late are vehicles with more states (`delayed`).
+
+In each eigenvector of H the law is the linear filter that `linear_law` reads off it, so that with e = q* - q, the
+errors of one mode, and x, what the law remembers of them,
+
+    u_k = d e_{k-j} + c x_k,    x_{k+1} = A x_k + b e_{k-j},    e_{k+1} = e_k + h u_k
+
+with measurements j periods old. A measurement that is j periods old is met by odometry of the same age, so that what
+feedforward and the drift's observer make of motion cancels: they carry noise into the loop, and nothing back.
+
+The bound on a run is about the same loop, driven along the targets' path.
 
 With one gain for all, every term is a polynomial in H, and under a hold h the team falls apart into one small matrix
 for each eigenvalue lambda. With e = q* - q, W and F the means over a period of q*' and of what carries the agents,
@@ -21,32 +35,343 @@ to it, the bound holds, so there is none. From any bound, valid at all times of 
 same way: the bounds of the rounds fall, and each is valid.
 """
 
-from dataclasses import dataclass, replace
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebroots
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy.fft import irfft, next_fast_len, rfft
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.linear_law import model_of, require_model, terms_without_bound, unmodelled_parts
-from mjsheaf.checking.loop.sampled_loop import Loop
+from mjsheaf.checking.loop.linear_law import (
+    LawModel,
+    LinearController,
+    LinearLaw,
+    model_of,
+    require_model,
+    terms_without_bound,
+    unmodelled_parts,
+)
 from mjsheaf.checking.spectrum import DENSE_STATES, agent_coboundary, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
-from mjsheaf.checking.theorem.constants import agent_flow, agent_slopes
+from mjsheaf.checking.theorem.constants import agent_slopes, flow_over_periods
 from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.law.terms import traffic_of
+from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.loop.system import System
-from mjsheaf.media.varying import evaluate
 from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record, per_agent
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_NOTHING = 1e-40  # of a response: all that follows is lost in rounding
-_BLOCK, _MOST_BLOCKS = 1024, 2000  # samples of the loop's response that are found at a time, and how often
-_TRIALS = 2.0 ** np.arange(1, 24)  # radii, over |e_0| and 1 mm, that are tried where a field is unbounded
+_SUMMED = 1e-7  # of a sum of responses: what the rest may be
+_DOUBLINGS, _MOST_BLOCKS = 8, 8000  # of powers of the loop that are found at a time, and how often
+_BLOCK = 2**_DOUBLINGS
+
+
+def closed(plant: LinearVehicle, law: LinearController) -> NDArray[Any]:
+    """Close a law's loop around vehicles: on their positions, their states, and what the law remembers.
+
+    p' = p + C x + D u and x' = A x + B u are the vehicles, u = D_l p + C_l z and z' = A_l z + B_l p is the law. Where
+    the law has a matrix for each of L eigenvalues, so has the loop.
+    """
+    k, s, r = len(plant.C), len(plant.A), law.A.shape[-1]
+    push = np.vstack([plant.D, plant.B])
+    M = np.zeros((*law.D.shape[:-2], k + s + r, k + s + r), dtype=law.D.dtype)
+    M[..., :k, :k] = np.eye(k)
+    M[..., :k, k : k + s] = plant.C
+    M[..., k : k + s, k : k + s] = plant.A
+    M[..., : k + s, :k] += push @ law.D
+    M[..., : k + s, k + s :] = push @ law.C
+    M[..., k + s :, :k] = law.B
+    M[..., k + s :, k + s :] = law.A
+    return M
+
+
+def driven(plant: LinearVehicle, law: LinearController) -> LinearController:
+    """Close a law's loop, driven by the inputs that the law has beyond the positions; its output is the command.
+
+    Its states are those of `closed`.
+    """
+    k = len(plant.C)
+    of_positions, of_inputs = law.D[..., :k], law.D[..., k:]
+    return LinearController(
+        A=closed(plant, law._replace(B=law.B[..., :k], D=of_positions)),
+        B=np.concatenate([np.vstack([plant.D, plant.B]) @ of_inputs, law.B[..., k:]], axis=-2),
+        C=np.concatenate([of_positions, np.zeros((*law.D.shape[:-1], len(plant.A))), law.C], axis=-1),
+        D=of_inputs,
+    )
+
+
+def delayed(plant: LinearVehicle, periods: int) -> LinearVehicle:
+    """Return a vehicle whose position is measured with a delay: its state ends with the motions not yet measured."""
+    n, s = plant.C.shape
+    d = n * periods
+    if not d:
+        return plant
+    A, B, C = np.zeros((s + d, s + d)), np.zeros((s + d, n)), np.zeros((n, s + d))
+    A[:s, :s] = plant.A
+    A[s : s + n, :s] = plant.C
+    A[s + n :, s : s + d - n] = np.eye(d - n)
+    B[:s] = plant.B
+    B[s : s + n] = plant.D
+    C[:, s + d - n :] = np.eye(n)
+    return LinearVehicle(A, B, C, np.zeros_like(plant.D))
+
+
+def ideal_vehicle(period: float, axes: int = 1) -> LinearVehicle:
+    """Return an agent on ideal kinematics, whose position moves as commanded over a period, s."""
+    return LinearVehicle(np.zeros((0, 0)), np.zeros((0, axes)), np.zeros((axes, 0)), period * np.eye(axes))
+
+
+def largest_gain(values: NDArray[Any], period: float, delay: int = 0) -> float | None:
+    """Return the gain from which on the paper's held law is unstable, 1/s; None if it is at any gain.
+
+    With k1 h |lambda| = 2 sin(theta / 2), see `largest_delay`, that is min 2 sin(theta / 2) / (h |lambda|), which is
+    2 min Re(lambda) / (h |lambda|^2) without delay.
+
+    Args:
+        values: Eigenvalues of H, shape (L,).
+        period: h, s.
+        delay: Delay of all measurements, m periods.
+    """
+    if not len(values) or not (values.real > 0.0).all():
+        return None
+    half = (0.5 * np.pi - np.abs(np.angle(values))) / (2 * delay + 1)
+    return float((2.0 * np.sin(half) / np.abs(values)).min() / period)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop of an ideal agent per eigenvalue of H, on the error and what the law remembers of it.
+
+    Attributes:
+        model: Linear model of the law.
+        values: Eigenvalues of H above zero, shape (L,); complex where H is not symmetric.
+        gain: k1, 1/s.
+        period: h, s.
+    """
+
+    model: LawModel
+    values: NDArray[Any]
+    gain: float
+    period: float
+
+    @cached_property
+    def law(self) -> LinearLaw:
+        """The law in eigenvectors of H."""
+        return self.model.at(self.gain, self.values)
+
+    @cached_property
+    def feedback(self) -> LinearLaw:
+        """Return the law's response to the error."""
+        return self.model.feedback(self.gain, self.values)
+
+    @cached_property
+    def is_papers(self) -> bool:
+        """Return True if errors meet the paper's law, whatever terms add to it."""
+        papers = -self.gain * self.values
+        alike = np.allclose(
+            self.feedback.D[:, 0], papers, rtol=_ROUNDING, atol=_ROUNDING * np.abs(papers).max(initial=0.0)
+        )
+        return alike and not self.feedback.C.shape[1]
+
+    def matrices(self, gain: float | None = None, delay: int = 0) -> NDArray[Any]:
+        """Return M at a gain, shape (L, 1 + delay + r, 1 + delay + r), with measurements some periods old.
+
+        It acts on e as it is measured, what is not measured yet of its last motions, and x.
+        """
+        feedback = self.feedback if gain is None else self.model.feedback(gain, self.values)
+        return closed(delayed(ideal_vehicle(self.period), delay), feedback.alike(1))
+
+    def radius_at(self, delay: int) -> float:
+        """Return the largest spectral radius of what errors excite, with measurements some periods old."""
+        return float(np.abs(np.linalg.eigvals(self.matrices(delay=delay))).max())
+
+    @cached_property
+    def radius(self) -> float:
+        """Largest spectral radius."""
+        return self.radius_at(0)
+
+    @cached_property
+    def stable_gains(self) -> tuple[float, float] | None:
+        """Gains that hold every mode stable, about the present one or else the nearest, 1/s.
+
+        None if there are none, if the command is not affine in the gain, and with terms where H is not symmetric.
+        """
+        if self.model.plain:
+            largest = largest_gain(self.values, self.period)
+            return None if largest is None else (0.0, largest)
+        if np.iscomplexobj(self.values):
+            return None
+        none, one, two = (self.matrices(k) for k in (0.0, 1.0, 2.0))
+        change = one - none
+        rounding = _ROUNDING * np.abs(two).max()
+        if change[:, 1:].any() or not np.allclose(two - one, change, rtol=_ROUNDING, atol=rounding):
+            return None
+        stretches = np.array([[0.0, np.inf]])
+        for low, high in map(self._stable, none, change):
+            begin, end = np.maximum(stretches[:, None, 0], low), np.minimum(stretches[:, None, 1], high)
+            stretches = np.stack([begin, end], axis=-1)[begin < end]
+        if not len(stretches):
+            return None
+        away = np.maximum(stretches[:, 0] - self.gain, self.gain - stretches[:, 1])
+        low, high = stretches[int(away.argmin())]
+        return float(low), float(high)
+
+    def _stable(
+        self,
+        M: Array,
+        change: Array,
+        *,
+        no_gain: float = 1e-12,  # times the period: a gain below it is rounding, and one over its inverse
+    ) -> tuple[Array, Array]:
+        """Find the gains k between which M + k change is stable: where they begin and end, ascending.
+
+        Only the first row of `change` is not zero, so that the characteristic polynomial is a(z) + k b(z). A root
+        passes the unit circle only at a gain -a(z) / b(z) with z on it, where the imaginary part of a(z) times the
+        conjugate of b(z) is zero. With z = exp(i theta) that is a sum of s_m sin(m theta), and so sin(theta) times a
+        polynomial in cos(theta). Every such gain is tried between its neighbours, so an extra one does not matter.
+        """
+        a = np.poly(M)[::-1]  # ascending powers of z
+        b = np.poly(M + change)[::-1] - a
+        n = len(a) - 1
+        sines = np.array([a[m:] @ b[: n + 1 - m] - a[: n + 1 - m] @ b[m:] for m in range(1, n + 1)])
+        # sin(m theta) / sin(theta) is U_{m-1} = 2 (T_{m-1} + T_{m-3} + ...), with T_0 counted once.
+        cosines = np.array([2.0 * sines[m::2].sum() for m in range(n)])
+        cosines[0] *= 0.5
+        roots = chebroots(np.trim_zeros(cosines, "b")) if cosines[1:].any() else np.zeros(0)
+        z = np.concatenate([[1.0, -1.0], np.exp(1j * np.arccos(np.clip(roots.real, -1.0, 1.0)))])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gains = (-np.polyval(a[::-1], z) / np.polyval(b[::-1], z)).real
+        gains = np.sort(gains[(gains > no_gain / self.period) & (gains < 1.0 / (no_gain * self.period))])
+        gains = np.concatenate([[0.0], gains, [2.0 * gains[-1] + 1.0 if len(gains) else 1.0]])
+        middle = 0.5 * (gains[1:] + gains[:-1])
+        stable = np.abs(np.linalg.eigvals(M + middle[:, None, None] * change)).max(axis=1) < 1.0
+        turns = np.flatnonzero(np.diff([False, *stable.tolist(), False]))
+        ends = np.append(gains[:-1], np.inf)[turns]
+        return ends[::2], ends[1::2]
+
+    @cached_property
+    def error_per_disturbance(self) -> float:
+        """h sum_j max |(M^j g)_e|, s; infinite where it does not converge, or too slowly."""
+        if not self.radius < 1.0:
+            return np.inf
+        start = np.zeros((len(self.values), self.feedback.C.shape[1] + 1, 1))
+        start[:, 0] = self.period
+        total = 0.0
+        for states in itertools.islice(self._powers(start), _MOST_BLOCKS):
+            largest = np.abs(states[:, 0]).max(axis=0)
+            total += float(largest.sum())
+            if largest.max() < _SUMMED * (1.0 - self.radius) * total:
+                return total * (1.0 + _SUMMED)
+        return np.inf
+
+    def _powers(self, start: Array) -> Iterator[Array]:
+        """Yield M^j start, shape (L, n, k), for one block of powers j = 0, 1, ... after the other, (L, n, _BLOCK k)."""
+        power = self.matrices()
+        states = start
+        for _ in range(_DOUBLINGS):
+            states = np.concatenate([states, power @ states], axis=2)
+            power = power @ power
+        while True:
+            yield states
+            states = power @ states
+
+    def responses(
+        self,
+        count: int,
+        *,
+        nothing: float = 1e-40,  # of a response: all that follows is lost in rounding
+    ) -> Array:
+        """Return the largest sizes over the eigenvalues, shape (6, count), of powers j = 0, 1, ...
+
+        After e_0: e; the feedback's command, 1/s; z, s. After h d: e, s; the feedback's command; z, s^2.
+        """
+        feedback = self.feedback
+        L, r = feedback.C.shape
+        shown = np.zeros((L, 3, 1 + r))
+        shown[:, 0, 0] = 1.0
+        shown[:, 1, 0] = feedback.D[:, 0]
+        shown[:, 1, 1:] = feedback.C
+        shown[:, 2, 1:] = feedback.integral
+        start = np.zeros((L, 1 + r, 2))
+        start[:, 0] = [1.0, self.period]
+        found = np.zeros((2, 3, count))
+        for begin, states in zip(range(0, count, _BLOCK), self._powers(start), strict=False):
+            size = np.abs(shown @ states).max(axis=0).reshape(3, _BLOCK, 2)
+            found[:, :, begin : begin + _BLOCK] = size.transpose(2, 0, 1)[:, :, : count - begin]
+            if np.abs(states).max() < nothing:
+                break
+        return found.reshape(6, count) * (1.0 + _ROUNDING)
+
+    def with_noise(self, delay: int) -> tuple[Array, Array, Array]:
+        """Return how noise enters the loop with measurements d periods old.
+
+        The state holds e_k, ..., e_{k-d}, then what the law remembers, then the last d errors of odometry, which meet
+        measurements of their age. The inputs are those of `linear_law.INPUTS` but the position: errors of eta, of what
+        feedforward senses, and of odometry in that and by itself.
+
+        Returns:
+            M and G of x+ = M x + G w, and rows that give the command of x and w: (L, n, n), (L, n, 4), (L, n + 4).
+        """
+        law = self.law
+        d = delay
+        L, n = law.C.shape
+        waiting = d if law.B[:, :, 3].any() or law.D[:, 3].any() else 0
+        size = d + 1 + n + waiting
+        remembered = slice(d + 1, d + 1 + n)
+        sensed_motion = size - 1 if waiting else size + 2
+        inputs = [d, size, size + 1, sensed_motion, size + 3]  # of the law, among states and inputs
+        command = np.zeros((L, size + 4))
+        command[:, remembered] = law.C
+        command[:, inputs] = law.D
+        rows = np.zeros((L, size, size + 4))
+        rows[:, remembered, remembered] = law.A
+        rows[:, remembered, inputs] = law.B
+        rows[:, 0] = self.period * command
+        rows[:, 0, 0] += 1.0
+        rows[:, range(1, d + 1), range(d)] = 1.0
+        if waiting:
+            first = d + 1 + n
+            rows[:, first, size + 2] = 1.0
+            rows[:, range(first + 1, size), range(first, size - 1)] = 1.0
+        return rows[..., :size], rows[..., size:], command
+
+    def command_variances(self) -> Array:
+        """Return the variance of the command by white noise of unit variance in each input, shape (L, 4), 1/s^2.
+
+        See `with_noise`.
+        """
+        M, G, command = self.with_noise(0)
+        size = M.shape[1]
+        noise = G.swapaxes(1, 2)[..., None] * G.swapaxes(1, 2)[..., None, :]  # (L, 4, n, n)
+        P = stationary(M[:, None], M[:, None], noise)
+        of_state = command[:, :size]
+        return np.asarray(np.einsum("li,lkij,lj->lk", of_state, P, of_state) + command[:, size:] ** 2)
+
+
+def stationary(
+    A: Array,
+    B: Array,
+    W: Array,
+    *,
+    smallest: float = 1e-12,  # of a power of a matrix, beyond which nothing is added
+) -> Array:
+    """Solve P = A P B^T + W for stable matrices A and B, shape (..., n, n), by doubling."""
+    P = W
+    while np.abs(A).max() * np.abs(B).max() > smallest:
+        P = P + A @ P @ B.swapaxes(-1, -2)
+        A, B = A @ A, B @ B
+    return P
+
+
+# -- the law of a team, and a bound on its run -------------------------------------------------------------------------
 
 
 class Share(Record):
@@ -163,8 +488,7 @@ def loop_of(system: System) -> Loop:
         raise UndecidedError(UNKNOWN_ROUNDS)
     if system.team.stressed and (system.law.terms.newton or system.law.terms.feedforward):
         raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
-    period = system.grid.period
-    return Loop(model_of(system.law, period), values, system.gain, period)
+    return Loop(model_of(system.law, system.grid.period), values, system.gain, system.grid.period)
 
 
 def common_delay(system: System) -> int | None:
@@ -253,10 +577,7 @@ def _drive(
     if not np.isfinite(moving).all():
         raise UndecidedError("vehicles meet gusts, which are not bounded")
     total += float(np.linalg.norm(moving[:N]))
-    harmonics = system.harmonics[:N].copy()
-    harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * h / (2.0 * np.pi))  # the mean of a sine over a period
-    shaken = evaluate(harmonics, system.grid.span(0, K) + 0.5 * h)
-    F = agent_flow(system, middle) + shaken.reshape(K, -1)[:, team.slots[:n_q]]
+    F = flow_over_periods(system, middle, 0)
     observed = np.zeros_like(F)
     if terms.drift > 0.0:
         observed = _filtered(F, terms.drift)
@@ -361,23 +682,21 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
         raise UndecidedError("the loop is unstable")
     if not targets.stable:
         raise UndecidedError(targets.failure)
-    found = _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
-    return replace(found, clipped=_why_clipped(system, found))
+    return _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
 
 
-def _why_clipped(system: System, found: Envelope) -> str:
-    """Return why a run may leave the linear law that an envelope bounds; empty if it does not."""
+def _why_clipped(system: System, command: Array, integral: float) -> str:
+    """Return why a run may leave the linear law, from the bounds of an envelope; empty if it does not."""
     if system.safety is not None:
         return FILTERED
-    agents = system.team.agents
-    limit = system.law.limit[: len(agents)]
-    over = (found.command > limit).any(axis=0)
+    limit = system.law.limit[: len(system.team.agents)]
+    over = (command > limit).any(axis=0)
     if over.any():
         i = int(over.argmax())
-        most = f"{found.command[:, i].max():.3g} m/s"
-        return f"the law may command {most} for {agents[i].id}, above its speed limit of {limit[i]:.3g} m/s"
-    integral = f"the integral may reach its limit: it may need {found.integral:.3g} m/s"
-    return integral if found.integral > system.law.terms.largest else ""
+        most = f"{command[:, i].max():.3g} m/s"
+        return f"the law may command {most} for {system.team.agents[i].id}, above its speed limit of {limit[i]:.3g} m/s"
+    more = integral > system.law.terms.largest
+    return f"the integral may reach its limit: it may need {integral:.3g} m/s" if more else ""
 
 
 def _bounded(
@@ -388,6 +707,7 @@ def _bounded(
     *,
     worth: float = 0.99,  # of the bound of the round before: more is not worth a round
     rounds: int = 12,
+    doublings: int = 24,  # of |e_0| or 1 mm, to radii that are tried where a field is unbounded
 ) -> Envelope:
     K, N, h, start = len(drive.left), len(system.team.agents), loop.period, certificate.constants.initial_error
     decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)
@@ -418,7 +738,7 @@ def _bounded(
     if np.isfinite(fastest):
         within = answer(np.full(K, np.sqrt(N) * fastest))[1]
     else:
-        for radius in _TRIALS * max(start, 1e-3):
+        for radius in max(start, 1e-3) * 2.0 ** np.arange(1, doublings):
             trial = np.full(K, radius)
             if (answer(flow(trial))[1] < radius).all():
                 within = trial
@@ -446,7 +766,7 @@ def _bounded(
         "flow within a period": change + drive.observed(change),
         "errors of the targets' path" + odometry: np.full(len(drive.left), drive.unsure),
     }
-    return Envelope(samples, within, command, integral, parts, "")
+    return Envelope(samples, within, command, integral, parts, _why_clipped(system, command, integral))
 
 
 def _driven(free: Array, response: Array, d: Array) -> Array:
@@ -479,7 +799,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
         found |= {
             "stable": loop.radius < 1.0,
             "spectral_radius": loop.radius,
-            "rate": -np.log(max(loop.radius, _NOTHING)) / h,
+            "rate": -np.log(max(loop.radius, 1e-40)) / h,  # what is less is rounding
             "stable_gains": loop.stable_gains,
             "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
         }
@@ -492,8 +812,10 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
         bound = envelope(system, certificate)
         late = slice(len(bound.within) // 2, None)
         found["unlimited"], found["reason"] = bound.late(), bound.clipped
-        shares = [Share(part=part, size=size[late].max()) for part, size in bound.left.items()]
-        found["left"] = sorted(shares, key=lambda share: -share.size)
+        found["left"] = sorted(
+            [Share(part=part, size=size[late].max()) for part, size in bound.left.items()],
+            key=lambda share: -share.size,
+        )
         if not bound.clipped:
             found["radius"], found["between"] = bound.late(), bound.within[late].max()
             found["largest"], found["command"] = bound.within.max(), bound.command[late].max()

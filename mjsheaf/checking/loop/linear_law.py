@@ -46,7 +46,6 @@ _OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**-12, -(2.0**-6), 1.0, -(2.0**5), 2
 _LINEAR = 1e-9  # relative difference of two answers of a linear law
 _NEGLIGIBLE = 1e-11  # relative size of a new direction that is rounding
 _GENERIC_GAIN = 0.7390851332  # 1/s; terms do not cancel -k1 eta by chance at this gain
-_PROBED = np.array([1.0, 2.0, 3.0])  # eigenvalues from which the law at complex ones is extrapolated
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
 _models: "dict[bytes, LawModel]" = {}
@@ -97,8 +96,9 @@ class LinearLaw:
         """Basis of what a position excites and a command shows in any of the eigenvectors, shape (n, r)."""
         excited = _invariant_basis(self.A, self.B[:, :, 0], np.abs(self.B[:, :, 0]))
         inner = excited.T @ self.A @ excited
-        seen = _invariant_basis(inner.swapaxes(1, 2), self.C @ excited, np.abs(self.C) @ np.abs(excited))
-        return np.asarray(excited @ seen)
+        return np.asarray(
+            excited @ _invariant_basis(inner.swapaxes(1, 2), self.C @ excited, np.abs(self.C) @ np.abs(excited))
+        )
 
     def feedback(self, basis: Array) -> "LinearLaw":
         """Return the path from position to command, on coordinates in a basis of what it excites and shows."""
@@ -248,8 +248,18 @@ class LawModel:
         """
         if self.plain:
             return _papers_law(gain, values).feedback(np.zeros((0, 0)))
-        if np.iscomplexobj(values):
-            return self._extrapolated(gain, values)
+        if np.iscomplexobj(values):  # without rounds, which directed teams do not have, H enters through eta alone
+            probed = np.array([1.0, 2.0, 3.0])
+            probes = self.feedback(gain, probed)
+            largest = max(float(np.abs(getattr(probes, name)).max(initial=0.0)) for name in "ABCD")
+            parts = {}
+            for name in "ABCD":
+                probe = getattr(probes, name)
+                slopes = np.diff(probe, axis=0)
+                if not np.allclose(slopes[0], slopes[1], rtol=_LINEAR, atol=_LINEAR * largest):
+                    raise UndecidedError("the law is not affine in the eigenvalues of H")
+                parts[name] = probe[0] + np.multiply.outer(values - probed[0], slopes[0])
+            return LinearLaw(**parts, integral=probes.integral)
         key = values.tobytes()
         basis = self._bases.get(key)
         if basis is None:
@@ -259,19 +269,6 @@ class LawModel:
             basis = LinearLaw(A, B, C, D, one.integral).basis
             self._bases = {key: basis}
         return self.at(gain, values).feedback(basis)
-
-    def _extrapolated(self, gain: float, values: NDArray[np.complex128]) -> LinearLaw:
-        """See `feedback`: without rounds, which directed teams do not have, H enters the law through eta alone."""
-        probes = self.feedback(gain, _PROBED)
-        largest = max(float(np.abs(getattr(probes, name)).max(initial=0.0)) for name in "ABCD")
-        parts = {}
-        for name in "ABCD":
-            probe = getattr(probes, name)
-            slopes = np.diff(probe, axis=0)
-            if not np.allclose(slopes[0], slopes[1], rtol=_LINEAR, atol=_LINEAR * largest):
-                raise UndecidedError("the law is not affine in the eigenvalues of H")
-            parts[name] = probe[0] + np.multiply.outer(values - _PROBED[0], slopes[0])
-        return LinearLaw(**parts, integral=probes.integral)
 
     def _settle(
         self,
@@ -408,8 +405,7 @@ class LawModel:
         commands = np.zeros(points.shape[1:])
         memories = np.zeros((len(commands), len(self._registered)))
         for k, moved in enumerate(np.ascontiguousarray(points.swapaxes(0, 1))):  # the layout that other calls have
-            sample = self._sample + k
-            ends, command = self._answers(control, self._cells[:0], moved[None], _GENERIC, state, sample)
+            ends, command = self._answers(control, self._cells[:0], moved[None], _GENERIC, state, self._sample + k)
             state = ends[0, 0]
             commands[k] = command[0, 0]
             memories[k] = (state - self._rest)[self._registered]
@@ -470,9 +466,18 @@ def _one_agent(law: LawArrays) -> ControlArrays:
             streams=np.zeros((1, 2), dtype=np.int64),
             rounds=RoundArrays(),
         )
-    custom = tuple(term._replace(agents=1) for term in law.custom)
-    alone = LawArrays(edges, np.array([1.0, 0.0, 0.0]), np.full(3, np.inf), 0, terms, LinkArrays(), custom)
-    return ControlArrays(alone, motion)
+    return ControlArrays(
+        LawArrays(
+            edges,
+            np.array([1.0, 0.0, 0.0]),
+            np.full(3, np.inf),
+            0,
+            terms,
+            LinkArrays(),
+            tuple(term._replace(agents=1) for term in law.custom),
+        ),
+        motion,
+    )
 
 
 @tiered(seconds=2.0, numbers=np.inf)
@@ -508,14 +513,12 @@ def _answer(control, t, start, cells, size, points, weights, still, memory, ends
 # rest of the analysis knows what edges measure, what links do to it, and who has which gain. A test names the fields of
 # these structures, one by one: a new field is either modelled by `check`, or added to `unmodelled_parts`.
 
-_SENSORS = (0, 1)  # values of `bearing`: the exact sensor, and range and bearing
-
 
 def unmodelled_parts(system: System) -> list[str]:
     """Return the parts of a system's law that `check` has no model of, such as "law in Python"; empty if it has all."""
     law = system.law
     others = {
-        "sensor of a link": not np.isin(law.links.table["bearing"], _SENSORS).all(),
+        "sensor of a link": not np.isin(law.links.table["bearing"], (0, 1)).all(),
         "range and bearing edges, unless linearised": law.edges.kinds,
         "law in Python": law.supplied,
         "gains that differ between agents": (law.gain[: len(system.team.agents)] != system.gain).any(),

@@ -22,9 +22,8 @@ from scipy.linalg import block_diag, schur
 from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gmres
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
-from mjsheaf.checking.loop.held_law import common_delay, eigen_of, loop_of
+from mjsheaf.checking.loop.held_law import Loop, common_delay, eigen_of, largest_gain, loop_of, stationary
 from mjsheaf.checking.loop.linear_law import model_of, require_model
-from mjsheaf.checking.loop.sampled_loop import Loop, largest_gain, stationary
 from mjsheaf.checking.spectrum import DENSE_STATES, held_eigenvalues, spectrum_of
 from mjsheaf.checking.theorem.targets import TargetPath
 from mjsheaf.errors import UndecidedError
@@ -53,24 +52,9 @@ class MeasuredEdge(NamedTuple):
     z: Array | None = None
 
     @property
-    def sensing(self) -> bool:
-        """Return True if feedforward learns a target's velocity from it."""
-        return self.kind == "sensing"
-
-    @property
     def linked(self) -> bool:
         """Return True if it has a link; anchors measure at once, without error."""
         return self.kind != "anchor"
-
-    @property
-    def pull(self) -> Array:
-        """Matrix from its numbers to a part of eta on its slots, D^T K, shape (k, m)."""
-        return self.D.T @ self.K
-
-    @property
-    def H(self) -> Array:  # noqa: N802 - the paper's symbol
-        """Its part of H on its slots, shape (k, k)."""
-        return self.pull @ self.D
 
 
 def measured_edges(team: Team) -> list[MeasuredEdge]:
@@ -116,13 +100,6 @@ class LinkParameters:
         return np.asarray((self.loss[:, 2:] > 0.0).any(axis=1))
 
     @property
-    def bursty(self) -> bool:
-        """Return True if losses of an edge depend on earlier ones."""
-        to_bad, to_good, good, bad = self.loss.T
-        memoryless = (good == bad) | (to_bad == 0.0) | (to_good == 0.0) | (to_bad + to_good == 1.0)
-        return not memoryless.all()
-
-    @property
     def noisy(self) -> bool:
         """Return True if an edge has noise or bias."""
         return any(x.any() for x in (*self.noise, *self.bias))
@@ -146,8 +123,9 @@ def perfect_links(edges: Sequence[MeasuredEdge]) -> LinkParameters:
     E = len(edges)
     noise = tuple(np.zeros((len(edge.D),) * 2) for edge in edges)
     bias = tuple(np.zeros(len(edge.D)) for edge in edges)
-    loss = np.tile([0.0, 1.0, 0.0, 0.0], (E, 1))
-    return LinkParameters(np.zeros(E, dtype=np.int64), noise, bias, loss, np.zeros(E, dtype=np.bool_))
+    return LinkParameters(
+        np.zeros(E, dtype=np.int64), noise, bias, np.tile([0.0, 1.0, 0.0, 0.0], (E, 1)), np.zeros(E, dtype=np.bool_)
+    )
 
 
 @dataclass(frozen=True)
@@ -173,12 +151,22 @@ class LinkedLaw:
         """True for each edge that has a link, shape (E,)."""
         return np.array([edge.linked for edge in self.edges])
 
-    def spread(self, parts: Sequence[Array]) -> Array:
-        """The sum of matrices on each edge's slots, shape (n, n)."""
-        total = np.zeros((len(self.vectors), len(self.vectors)))
-        for edge, part in zip(self.edges, parts, strict=True):
-            total[np.ix_(edge.slots, edge.slots)] += part
-        return total
+    @cached_property
+    def numbers(self) -> tuple[Array, Array, IntArray]:
+        """The m numbers of all edges: D, shape (m, n), D^T K, shape (n, m), and the edge of each, shape (m,)."""
+        of = np.repeat(np.arange(len(self.edges)), [len(edge.D) for edge in self.edges])
+        D = np.zeros((len(of), len(self.vectors)))
+        pull = np.zeros(D.T.shape)
+        for e, edge in enumerate(self.edges):
+            D[np.ix_(of == e, edge.slots)] = edge.D
+            pull[np.ix_(edge.slots, of == e)] = edge.D.T @ edge.K
+        return D, pull, of
+
+    @property
+    def sensed_pull(self) -> Array:
+        """D^T K of the edges from which feedforward learns velocities, 0 of the others, shape (n, m)."""
+        _, pull, of = self.numbers
+        return pull * np.array([edge.kind == "sensing" for edge in self.edges])[of]
 
 
 def links_of(
@@ -207,7 +195,11 @@ def links_of(
     few = slice(None, None, max(1, len(x) // instants))
     for e in [e for e, edge in enumerate(edges) if edge.linked and of[e] >= 0]:
         link = table[of[e]]
-        _require_in_range(system, e, everywhere, link["range"])
+        tail, head = system.law.edges.tail[e], system.law.edges.head[e]
+        apart = np.linalg.norm(everywhere[:, head] - everywhere[:, tail], axis=1)
+        if apart.max() > link["range"]:
+            when = "at the start" if apart[0] > link["range"] else "at q* at times"
+            raise UndecidedError(f"{team.members[tail].id} and {team.members[head].id} are beyond range {when}")
         links.delay[e] = link["delay"]
         links.held[e] = link["hold"] > 0
         if link["lossy"]:
@@ -222,7 +214,7 @@ def links_of(
         if link["bearing"]:
             law = system.law.edges
             rows = slice(law.first[e], law.first[e + 1])
-            y = x[few][:, law.head[e]] @ law.F_head[rows].T - x[few][:, law.tail[e]] @ law.F_tail[rows].T
+            y = x[few][:, head] @ law.F_head[rows].T - x[few][:, tail] @ law.F_tail[rows].T
             noise[e] = range_bearing_covariance(y, float(link["range_noise"]), float(link["bearing_noise"]))
     return replace(
         links,
@@ -231,21 +223,6 @@ def links_of(
         linearised=bool(table["bearing"].any()),
         ranged=bool(np.isfinite(table["range"]).any()),
     )
-
-
-def _require_in_range(system: System, e: int, x: Array, reach: float) -> None:
-    """Refuse an edge whose ends are beyond the reach of its link, m, at the first or at later positions (T, V, 3), m.
-
-    Raises:
-        UndecidedError: They are.
-    """
-    tail = system.law.edges.tail[e]
-    head = system.law.edges.head[e]
-    apart = np.linalg.norm(x[:, head] - x[:, tail], axis=1)
-    if apart.max() > reach:
-        when = "at the start" if apart[0] > reach else "at q* at times"
-        ends = f"{system.team.members[tail].id} and {system.team.members[head].id}"
-        raise UndecidedError(f"{ends} are beyond range {when}")
 
 
 def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float) -> Array:
@@ -314,26 +291,22 @@ def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple
     if (size := n * (d + 1 + r)) > most:
         raise UndecidedError(f"with unlike delays, or losses, the loop has {size} states; up to {most} are looked at")
     Q = vectors if n < len(vectors) else np.eye(n)
-    rows = np.split(np.arange(sum(len(edge.D) for edge in law.edges)), np.cumsum([len(edge.D) for edge in law.edges]))
-    m = sum(map(len, rows))
-    C, pulled = np.zeros((m, size)), np.zeros((len(vectors), m))
-    for edge, own, age in zip(law.edges, rows, delay.tolist(), strict=False):
-        C[own, n * age : n * (age + 1)] = edge.D @ Q[edge.slots]
-        pulled[np.ix_(edge.slots, own)] = edge.pull
-    M, L = np.zeros((size, size)), np.zeros((size, m))
+    D, pull, of = law.numbers
+    C = np.zeros((len(of), d + 1 + r, n))
+    C[range(len(of)), delay[of]] = D @ Q
+    M, L = np.zeros((size, size)), np.zeros((size, len(of)))
     M[n : n * (d + 1), : n * d] = np.eye(n * d)
     M[:n, :n] += np.eye(n)
-    modes = Q.T @ vectors
-    eta = vectors.T @ pulled  # in eigenvectors of H, where e has eta = lambda e
-    papers = -h * law.loop.gain * Q.T @ pulled
-    L[:n] = papers if law.loop.is_papers else h * (modes * (feedback.D[:, 0] / values)) @ eta
-    kept = [slice(n * (d + 1 + i), n * (d + 2 + i)) for i in range(r)]
-    for i, row in enumerate(kept):
-        M[:n, row] = h * modes * feedback.C[:, i]
-        L[row] = (feedback.B[:, i, 0] / values)[:, None] * eta
-        for k, column in enumerate(kept):
-            M[row, column] = np.diag(feedback.A[:, i, k])
-    return M, L, C
+    if law.loop.is_papers:
+        L[:n] = -h * law.loop.gain * Q.T @ pull
+    else:  # in an eigenvector of H, where e has eta = lambda e
+        on_eta = replace(feedback, B=feedback.B / values[:, None, None], D=feedback.D / values[:, None])
+        filters = on_eta.of_team(vectors)
+        M[:n, n * (d + 1) :] = h * Q.T @ filters.C
+        M[n * (d + 1) :, n * (d + 1) :] = filters.A
+        L[:n] = h * Q.T @ filters.D @ pull
+        L[n * (d + 1) :] = filters.B @ pull
+    return M, L, C.reshape(len(of), size)
 
 
 def spectral_radius(law: LinkedLaw, delay: IntArray) -> float:
@@ -371,15 +344,6 @@ def limit_from_eigenvalues(values: NDArray[Any], product: float) -> int:
     return int(np.ceil(limit - _ROUNDING)) - 1
 
 
-def continuous_delay_margin(values: NDArray[Any], gain: float) -> float | None:
-    """Return the delay of all measurements up to which x' = -k1 H x is stable, s; None if it is not without.
-
-    A root i w of s + k1 lambda exp(-s T) has w = k1 |lambda| and w T = pi / 2 - |arg lambda|.
-    """
-    stable = len(values) and (values.real > 0.0).all()
-    return float(((0.5 * np.pi - np.abs(np.angle(values))) / (gain * np.abs(values))).min()) if stable else None
-
-
 def largest_delay(
     loop: Loop,
     linked: BoolArray,
@@ -415,12 +379,6 @@ def largest_delay(
     raise UndecidedError(f"the loop is stable with any delay up to {known} periods; more are not looked at")
 
 
-def _is_below_limit(loop: Loop, delay: int) -> bool:
-    """Return True if a loop is stable with any delays up to this one, in periods."""
-    papers = loop.is_papers and not np.iscomplexobj(loop.values) and loop.radius < 1.0 - _ROUNDING
-    return papers and delay <= limit_from_eigenvalues(loop.values, loop.gain * loop.period)
-
-
 def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Callable[[IntArray], float]) -> DelayAnswer:
     """Decide a loop with a delay of each edge's measurements, in periods, shape (E,); see `largest_delay`."""
     limit = radius = None
@@ -436,7 +394,8 @@ def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Call
         stable = is_stable(radius)
     except UndecidedError as error:
         # Of unlike delays, the limit decides only for the paper's law and a symmetric H, and only that it is stable.
-        stable = True if _is_below_limit(loop, d) else None
+        known = loop.is_papers and not np.iscomplexobj(loop.values) and loop.radius < 1.0 - _ROUNDING
+        stable = True if known and d <= limit_from_eigenvalues(loop.values, loop.gain * loop.period) else None
         if limit is not None and (delay == d).all():
             stable = d <= limit
         reason = reason or (str(error) if stable is None else "")
@@ -469,7 +428,6 @@ def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Call
 # Feedforward and drift do not depend on e, whichever samples they miss. With losses in bursts (Gilbert and Elliott)
 # nothing is claimed.
 
-_MOST_MOMENTS = 60_000  # numbers in the second moments with delay, newton or integral
 _FEW = 40  # second moments whose eigenvalue is found of a dense matrix
 _TOLERANCE = 1e-10  # of eigenvalues and of covariances, relative
 
@@ -517,7 +475,12 @@ class SecondMoments:
         X -> B X B^T + L (r (1 - r) C X C^T) L^T, of C X C^T each edge's own block.
     """
 
-    def __init__(self, law: LinkedLaw) -> None:
+    def __init__(
+        self,
+        law: LinkedLaw,
+        *,
+        most: int = 60_000,  # numbers in the second moments with delay, newton or integral
+    ) -> None:
         """Prepare it.
 
         Raises:
@@ -526,20 +489,21 @@ class SecondMoments:
         links = law.links
         if (links.held & links.lossy).any():
             raise UndecidedError("lost samples are held")
-        if links.bursty:
+        to_bad, to_good, good, bad = links.loss.T
+        memoryless = (good == bad) | (to_bad == 0.0) | (to_good == 0.0) | (to_bad + to_good == 1.0)
+        if not memoryless.all():
             raise UndecidedError("undecided with bursts")
         p = 1.0 - links.delivered
         self._symmetric = law.loop.is_papers and not links.delay.any()
-        M, L, C = team_loop(law, links.delay, MOST_STATES if self._symmetric else int(_MOST_MOMENTS**0.5))
-        sizes = np.array([len(edge.D) for edge in law.edges])
-        self._arrives = np.repeat(1.0 - p, sizes)
+        M, L, C = team_loop(law, links.delay, MOST_STATES if self._symmetric else int(most**0.5))
+        of = law.numbers[2]
+        self._arrives = (1.0 - p)[of]
         self._mean = M + L * self._arrives @ C
         self._law = law
         self._L = L
         self._around = sparse.csr_array(C)
         self._back = sparse.csr_array(L)
-        weights = [weight * np.ones((m, m)) for weight, m in zip(p * (1.0 - p), sizes, strict=True)]
-        self._lost = sparse.csr_array(sparse.block_diag(weights))
+        self._lost = sparse.csr_array((of[:, None] == of) * (p * (1.0 - p))[of])
 
     def _apply(self, X: Array) -> Array:
         """Return the moments a period after X, shape (n, n)."""
@@ -559,8 +523,7 @@ class SecondMoments:
         """
         if not self.factor[0] < 1.0:
             raise UndecidedError("the loop is unstable")
-        noise = block_diag(*self._law.links.noise)
-        X = self._solve(self._L * self._arrives @ noise @ self._L.T)
+        X = self._solve(self._L * self._arrives @ block_diag(*self._law.links.noise) @ self._L.T)
         command = 2.0 * (X - self._mean @ X)  # of h u = e_k - e_{k+1}
         vectors = self._law.vectors
         n = vectors.shape[1]
@@ -610,8 +573,7 @@ class SecondMoments:
         """
         X = self._solve(np.eye(len(self._mean)))
         smallest, size = float(np.linalg.eigvalsh(X).min()), float(np.abs(X).max())
-        drop = X - self._apply(X)
-        known = np.linalg.eigvalsh(drop).min() > 0.5 and abs(smallest) >= _ROUNDING * size
+        known = np.linalg.eigvalsh(X - self._apply(X)).min() > 0.5 and abs(smallest) >= _ROUNDING * size
         return smallest > 0.0 if known else None
 
     def _solve(self, added: Array) -> Array:
@@ -664,15 +626,13 @@ class NoiseAnswer(Record):
 
 def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
     """Compute the effect of noise of measurements and odometry in the long run, without saturation."""
-    linearised = law.links.linearised
     try:
         mean = mean_error(law)
         error, command = map(np.diagonal, noise_covariances(law))
     except UndecidedError as why:
-        return NoiseAnswer(agents=[], linearised=linearised, reason=str(why))
-    first = team.first_state
+        return NoiseAnswer(agents=[], linearised=law.links.linearised, reason=str(why))
     error, command = np.maximum(error, 0.0), np.maximum(command, 0.0)
-    each = np.sqrt(np.add.reduceat([error, command], first[:-1], axis=1))
+    each = np.sqrt(np.add.reduceat([error, command], team.first_state[:-1], axis=1))
     offset, size, agents = float(np.linalg.norm(mean)), float(np.sqrt(error.sum())), len(team.agents)
     return NoiseAnswer(
         mean=offset,
@@ -683,7 +643,7 @@ def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
         agents=[
             AgentNoise(agent=id, error=e, command=u) for id, (e, u) in zip(team.agent_ids, each.T.tolist(), strict=True)
         ],
-        linearised=linearised,
+        linearised=law.links.linearised,
         reason="",
     )
 
@@ -697,11 +657,10 @@ def mean_error(law: LinkedLaw) -> Array:
     vectors, links, terms = law.vectors, law.links, law.terms
     if links.lossy.any() and any(bias.any() for bias in links.bias):
         raise UndecidedError("measurements with a bias are lost")
-    eta, sensed_motion = np.zeros((2, len(vectors)))
+    D, pull, _ = law.numbers
+    eta = pull @ np.concatenate(links.bias)
     own_motion = np.full(len(vectors), terms.bias * law.loop.period)
-    for edge, bias in zip(law.edges, links.bias, strict=True):
-        eta[edge.slots] += edge.pull @ bias
-        sensed_motion[edge.slots] += edge.sensing * edge.H @ own_motion[edge.slots]
+    sensed_motion = law.sensed_pull @ D @ own_motion
     M, G, _ = law.loop.with_noise(0)
     inputs = np.stack([eta, 0.0 * eta, sensed_motion, own_motion], axis=1)
     q = np.linalg.solve(np.eye(M.shape[1]) - M, G @ (vectors.T @ inputs)[:, :, None])[:, 0, 0]
@@ -729,7 +688,20 @@ def noise_covariances(law: LinkedLaw) -> Array:
         raise UndecidedError(f"{n} modes of {states} states each have too many covariances")
     if not law.loop.radius_at(delay) < 1.0:
         raise UndecidedError("the loop is unstable")
-    U = _input_covariances(law, inputs)
+    D, pull, _ = law.numbers
+    noise = sparse.csr_array(sparse.block_diag(links.noise))
+    Q = law.vectors
+    listened, sensed = Q.T @ pull, Q.T @ law.sensed_pull
+    rate = sensed @ noise @ sensed.T
+    S = sensed @ D @ Q
+    variance = law.terms.noise**2
+    U = np.zeros((n, n, inputs, inputs))  # covariances of the noise that enters the loops of two of n modes
+    U[..., 0, 0] = listened @ noise @ listened.T
+    U[..., 1, 1] = rate
+    U[..., 0, 1] = U[..., 1, 0] = -rate  # a sensing agent is the tail: -F^T K in eta, F^T K in B p'
+    U[..., 2, 2] = variance * S @ S
+    U[..., 3, 3] = variance * np.eye(n)
+    U[..., 2, 3] = U[..., 3, 2] = variance * S
     of_state = command[:, :states]
     of_input = command[:, states:]
     moments = np.zeros((2, n, n))
@@ -741,24 +713,6 @@ def noise_covariances(law: LinkedLaw) -> Array:
         moments[1, rows] = np.einsum("ai,abij,bj->ab", of_state[rows], P, of_state, optimize=True)
         moments[1, rows] += np.einsum("ai,abij,bj->ab", of_input[rows], U[rows], of_input, optimize=True)
     return np.asarray(law.vectors @ moments @ law.vectors.T)
-
-
-def _input_covariances(law: LinkedLaw, inputs: int) -> Array:
-    """Covariances of the noise that enters the loops of two of n modes, shape (n, n, inputs, inputs)."""
-    Q = law.vectors
-    n = Q.shape[1]
-    variance = law.terms.noise**2
-    pulled = [edge.pull @ noise @ edge.pull.T for edge, noise in zip(law.edges, law.links.noise, strict=True)]
-    rate = Q.T @ law.spread([edge.sensing * part for edge, part in zip(law.edges, pulled, strict=True)]) @ Q
-    S = Q.T @ law.spread([edge.sensing * edge.H for edge in law.edges]) @ Q
-    U = np.zeros((n, n, inputs, inputs))
-    U[..., 0, 0] = Q.T @ law.spread(pulled) @ Q
-    U[..., 1, 1] = rate
-    U[..., 0, 1] = U[..., 1, 0] = -rate  # a sensing agent is the tail: -F^T K in eta, F^T K in B p'
-    U[..., 2, 2] = variance * S @ S
-    U[..., 3, 3] = variance * np.eye(n)
-    U[..., 2, 3] = U[..., 3, 2] = variance * S
-    return U
 
 
 # -- the record --------------------------------------------------------------------------------------------------------
@@ -797,6 +751,7 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
         path: Path of its targets.
     """
     team, terms = system.team, system.law.terms
+    why = ""
     try:
         require_model(system)
         edges, links = measured_edges(team), links_of(system, path)
@@ -805,33 +760,48 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
             why = "H is not symmetric: only a delay of all measurements alike is decided"
         elif size > DENSE_STATES and not (system.grid.continuous or terms.newton):
             why = f"H has {size} rows; all its eigenvalues are found up to {DENSE_STATES}"
+        if why:
+            noise = partial(NoiseAnswer, agents=[], linearised=links.linearised, reason=why)
+            record = _record(
+                _delay_alone(system, edges, links, why), edges, links, terms, noise, partial(LossAnswer, reason=why)
+            )
         else:
-            law = LinkedLaw(loop_of(system), eigen_of(system)[1], edges, links, terms)
-            return _with_gain(answers_for(law, team), system)
-        found = _record(_delay_alone(system, edges, links, why), edges, links, terms, why=why)
-        return _with_gain(found, system)
+            record = answers_for(LinkedLaw(loop_of(system), eigen_of(system)[1], edges, links, terms), team)
+        return record.model_copy(update={"delay": _with_gain(record.delay, system)})
     except UndecidedError as error:
         if not len(system.law.links.table):
             return None
         why = str(error)
-        return _record(DelayAnswer(reason=why), [], perfect_links([]), terms, why=why, unknown=True)
+        return LinkRecord(
+            exact=False,
+            stable=None,
+            delay_margin=None,
+            noise_rms=None,
+            noise_rms_per_agent=None,
+            mean_square_rate=None,
+            delivery={},
+            assumed="",
+            delay=DelayAnswer(reason=why),
+            noise=NoiseAnswer(agents=[], linearised=False, reason=why),
+            loss=LossAnswer(reason=why),
+        )
 
 
-def _with_gain(record: LinkRecord, system: System) -> LinkRecord:
+def _with_gain(answer: DelayAnswer, system: System) -> DelayAnswer:
     """Add the controller.gain from which on the held law is unstable over its links, where it is known."""
     law, team, delay = system.law, system.local.team, common_delay(system)
     changed = law.terms.newton or law.terms.integral or law.custom or (law.extended and not team.symmetric)
     if system.grid.continuous or changed or delay is None:
-        return record
+        return answer
     values = np.array([system.largest_eigenvalue]) if team.symmetric else held_eigenvalues(team)
-    gain = largest_gain(values, system.grid.period, delay)
-    return record.model_copy(update={"delay": record.delay.model_copy(update={"largest_gain": gain})})
+    return answer.model_copy(update={"largest_gain": largest_gain(values, system.grid.period, delay)})
 
 
 def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
     """Compute the effects of a law's links, for a team."""
     delay = delay_answer(law.loop, law.links.delay, law.linked, partial(spectral_radius, law))
-    return _record(delay, law.edges, law.links, law.terms, law=law, team=team)
+    noise, loss = partial(noise_answer, law, team), partial(loss_answer, law)
+    return _record(delay, law.edges, law.links, law.terms, noise, loss)
 
 
 def _delay_alone(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
@@ -851,7 +821,11 @@ def _delay_alone(system: System, edges: Sequence[MeasuredEdge], links: LinkParam
     team, gain, period = system.team, system.gain, system.grid.period
     linked = np.array([edge.linked for edge in edges])
     if not team.symmetric and system.grid.continuous:
-        margin = continuous_delay_margin(held_eigenvalues(team), gain)
+        values = held_eigenvalues(team)
+        margin = None
+        if len(values) and (values.real > 0.0).all():
+            # A root i w of s + k1 lambda exp(-s T) has w = k1 |lambda| and w T = pi / 2 - |arg lambda|.
+            margin = float(((0.5 * np.pi - np.abs(np.angle(values))) / (gain * np.abs(values))).min())
         return DelayAnswer(delay=0.0, stable=margin is not None, margin=margin, reason="")
     if not team.symmetric:
         loop = loop_of(system)
@@ -877,37 +851,27 @@ def _record(
     edges: Sequence[MeasuredEdge],
     links: LinkParameters,
     terms: TermArrays,
-    *,
-    law: LinkedLaw | None = None,
-    team: Team | None = None,
-    why: str = "",
-    unknown: bool = False,
+    noise_of: Callable[[], NoiseAnswer],
+    loss_of: Callable[[], LossAnswer],
 ) -> LinkRecord:
-    """Return the record of links; without a law, `why` is the reason for what is not known of noise and loss."""
-    noise = loss = None
+    """Return the record of links, with the effects of noise and of loss where there are any."""
     strays = (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)  # odometry
-    if unknown or links.noisy or strays:
-        noise = (
-            NoiseAnswer(agents=[], linearised=links.linearised, reason=why)
-            if law is None or team is None
-            else noise_answer(law, team)
-        )
-    if unknown or links.lossy.any():
-        loss = LossAnswer(reason=why) if law is None else loss_answer(law)
+    noise = noise_of() if links.noisy or strays else None
+    loss = loss_of() if links.lossy.any() else None
     rate = None if delay.spectral_radius is None else delay.spectral_radius**2
     delivered = {
         kind: [x for x, e in zip(links.delivered.tolist(), edges, strict=True) if e.kind == kind] for kind in KINDS
     }
     ranged = "; bodies within range of one another, as at the start and at q*" if links.ranged else ""
     return LinkRecord(
-        exact=links.exact and not unknown,
+        exact=links.exact,
         stable=delay.stable if loss is None else loss.stable,
         delay_margin=delay.margin,
         noise_rms=0.0 if noise is None else noise.error,
         noise_rms_per_agent=0.0 if noise is None else noise.error_per_agent,
         mean_square_rate=rate if loss is None else loss.factor,
-        delivery={} if unknown else {kind: sum(own) / len(own) if own else None for kind, own in delivered.items()},
-        assumed="" if unknown else f"no command at a limit of speed; the slope of the flow is left out{ranged}",
+        delivery={kind: sum(own) / len(own) if own else None for kind, own in delivered.items()},
+        assumed=f"no command at a limit of speed; the slope of the flow is left out{ranged}",
         delay=delay,
         noise=noise,
         loss=loss,

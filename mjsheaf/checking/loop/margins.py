@@ -7,8 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path
-from mjsheaf.checking.loop.linear_team import medium_on_path
+from mjsheaf.checking.loop.body_loop import BodyLoop, loop_on_path, medium_on_path
 from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import velocities_along
@@ -127,8 +126,9 @@ def margins(system: System, certificate: Certificate) -> Margins:
         falling |= {id: one.sentence for one in reversed(shortfalls_of(vehicle)) if one.falls for id in ids}
         if may_lack(vehicle) and (authority := authority_of(vehicle)).lacking:
             meaning = describe_consequences(vehicle, authority)
-            lacking = list(authority.lacking)
-            one_sided.append(OneSided(agents=ids, vehicle=vehicle.name, lacking=lacking, meaning=meaning))
+            one_sided.append(
+                OneSided(agents=ids, vehicle=vehicle.name, lacking=list(authority.lacking), meaning=meaning)
+            )
     return Margins(
         hold=hold_margin(system, certificate.spectrum),
         bodies=BodyMargins(tau=[tau.min(), tau.max()], **dict(loop_on_path(system, certificate))),
@@ -150,8 +150,10 @@ def _wind_margins(system: System, certificate: Certificate) -> dict[str, tuple[f
             float(system.bodies.heading[i]),
             float(system.law.limit[i]),
         )
-        largest = largest_wind(system.vehicles[i], heading, current[i], wind, limit)
-        found[system.team.agents[i].id] = float(np.linalg.norm(wind)), largest
+        found[system.team.agents[i].id] = (
+            float(np.linalg.norm(wind)),
+            largest_wind(system.vehicles[i], heading, current[i], wind, limit),
+        )
     return found
 
 
@@ -167,9 +169,9 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
     top = np.array([max(one.forward_speed, one.least_speed) for one in able])
     taken = np.linalg.norm(np.where(np.isfinite(flow), along.transpose(1, 0, 2) - flow, 0.0), axis=2)
     late = path.time >= path.time[0] + 0.75 * (path.time[-1] - path.time[0])
-    slow = held & (taken[:, late].mean(axis=1) > top)
     return {
-        system.team.target_ids[k]: (float(taken[k, late].mean()), float(top[k])) for k in np.flatnonzero(slow).tolist()
+        system.team.target_ids[k]: (float(taken[k, late].mean()), float(top[k]))
+        for k in np.flatnonzero(held & (taken[:, late].mean(axis=1) > top)).tolist()
     }
 
 
@@ -194,9 +196,18 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
     agents = system.vehicles[: len(team.agents)]
     able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
     forward = of_each(agents, lambda vehicle: capability_of(vehicle).forward_speed)
-    time, carried = _carried_along(system, certificate)
-    along = np.linalg.norm(carried, axis=2)
-    steady = along.max(axis=0)
+    path = certificate.constants.path
+    difference = certificate.constants.difference
+    relative = difference.values + difference.shaken  # f_B + H^-1 B omega
+    if path.cells is None and not np.isfinite(system.moving_bounds.speed).all():
+        # Targets that meet gusts have no certain path: theirs is the one without gusts.
+        calm = replace(system, flows=[flow.model_copy(update={"gusts": None}) for flow in system.flows])
+        carrier = Carrier(calm)
+        path = follow_targets(calm, carrier)
+        above, own, shaken = velocities_along(calm, path, carrier)
+        relative = above - own + shaken if path.cells is not None else np.full_like(above, np.nan)
+    time, carried = path.time, team.unpack(relative)  # f_q(q*) - q*' there, shape (T, N, 3), m/s
+    steady = np.linalg.norm(carried, axis=2).max(axis=0)
     behind = _behind(time, carried, np.minimum(system.law.limit[: len(team.agents)], np.maximum(able, forward)))
     deficit = behind[time >= time[0] + 0.75 * (time[-1] - time[0])].min(axis=0)
     asked = system.gain * np.linalg.norm(disagreement(system.law, system.initial)[: len(team.agents)], axis=1)
@@ -239,20 +250,3 @@ def _behind(time: Array, carried: Array, top: Array) -> Array:
         behind[k + 1, slow] = left = np.maximum(distance - top[slow] * dt, 0.0)
         e *= (left / np.maximum(distance, 1e-300))[:, None]
     return behind
-
-
-def _carried_along(system: System, certificate: Certificate) -> tuple[Array, Array]:
-    """Return instants of the path, shape (T,), s, and the velocities f_q(q*) - q*' there, shape (T, N, 3), m/s.
-
-    Targets that meet gusts have no certain path. Theirs is the one without gusts.
-    """
-    constants = certificate.constants
-    path = constants.path
-    relative = constants.difference.values + constants.difference.shaken  # f_B + H^-1 B omega
-    if path.cells is None and not np.isfinite(system.moving_bounds.speed).all():
-        calm = replace(system, flows=[flow.model_copy(update={"gusts": None}) for flow in system.flows])
-        carrier = Carrier(calm)
-        path = follow_targets(calm, carrier)
-        carried, own, shaken = velocities_along(calm, path, carrier)
-        relative = carried - own + shaken if path.cells is not None else np.full_like(carried, np.nan)
-    return path.time, system.team.unpack(relative)

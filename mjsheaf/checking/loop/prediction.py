@@ -1,4 +1,6 @@
-"""Predicted tracking error: the linear loop, driven along the targets' path from the initial positions.
+"""Predicted errors: the tracking error along the targets' path, and the RMS error that gusts and waves leave.
+
+The tracking error is that of the linear loop, driven along the targets' path from the initial positions.
 
 With q and q* measured from q* at the start, s = H q* is what the targets add to eta = H q - s. The law in the
 eigenvectors of H (see `linear_law`) has the inputs q, -s as an error of eta, s as what sensing edges report, and the
@@ -9,42 +11,71 @@ commands u and the velocity of the medium at q*, with its disturbance, gusts, wa
 
 where the vehicles begin, at rest. Commands are shortened to the speed limits and, on the vehicles, to their speeds
 ahead. The prediction leaves out how the flow differs at q from q*, noise, and what delays and losses do.
+
+Gusts and waves pass through the same loop by their spectra, on ideal kinematics and on bodies.
+
+The loop from one sample to the next, on errors e = q - q* and all else that it remembers, is X+ = M X + N w, with w
+the mean velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h),
+and the variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so that their
+spectrum is that of their discrete filter; a wave's mean over a period is sin(omega h / 2) / (omega h / 2) of it.
+Waves and frozen gusts meet all vehicles with a phase, each at q* as it is at the start; gusts of each vehicle's own
+are independent. Vehicles in the plane meet the waves' velocity at the surface, those below it that at their depth. A
+target that the medium moves takes q* along. Where the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
+
+A target of time constant tau follows the medium by 1 / (1 + i omega tau), less what its pull takes back. With
+r = e^(-h / tau) and l = tau (1 - r), a command that is held over h moves it by
+
+    G = ((h - l) + l (1 - r) / (z - r)) / (z - 1),    so that it follows by 1 / ((1 + i omega tau) (1 + pull G)).
+
+On bodies the loop is that of the linear vehicles. In axes that move with the medium a vehicle does not know that it
+moves; so with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w.
+A hull rights itself to the surface, so the same holds of a slope s with the attitude E_s upright on it:
+x+ = A x + (E_s - A E_s) s and p+ = p + C x - C E_s s. Heave is left out. A boat that holds no heading turns along the
+waves, within minutes, by an effect of second order that the linear vehicle does not have: it is taken as turned.
 """
 
+import math
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg
 
 from mjsheaf.arrays import Array, BoolArray
-from mjsheaf.checking.loop.body_loop import NEUTRAL_RATE, held_modes
-from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES
+from mjsheaf.checking.loop.body_loop import (
+    NEUTRAL_RATE,
+    held_modes,
+    ideal_team,
+    linear_vehicles,
+    medium_on_path,
+    period_of_law,
+    whole_loop,
+)
+from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, closed, driven
 from mjsheaf.checking.loop.linear_law import model_of, require_model, without_memory
-from mjsheaf.checking.loop.linear_team import ideal_team, linear_vehicles, medium_on_path
-from mjsheaf.checking.loop.sampled_loop import driven
-from mjsheaf.checking.spectrum import matrix_of
+from mjsheaf.checking.spectrum import Spectrum, matrix_of
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
-from mjsheaf.checking.theorem.constants import agent_flow, agent_motion
-from mjsheaf.checking.theorem.targets import Carrier
-from mjsheaf.errors import UndecidedError, select_true
+from mjsheaf.checking.theorem.constants import agent_flow, agent_motion, flow_over_periods
+from mjsheaf.checking.theorem.targets import Carrier, follow_targets
+from mjsheaf.errors import InputError, UndecidedError, select_true
 from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.loop.system import System
-from mjsheaf.media.varying import evaluate
+from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
+from mjsheaf.media.medium import of_kind
+from mjsheaf.media.waves import Components
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.threads import one_thread
-from mjsheaf.vehicles.effects import capability_of, hold_station
+from mjsheaf.vehicles.effects import capability_of
 
 MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
 
 WIND_ON_TARGETS = "the drift of targets in the wind"
 """What a prediction leaves out where wind moves q*: then it foresees no error."""
-
-_GAUSS = 0.5 / np.sqrt(3.0)  # of a period, from its middle
-_SETTLING = 12.0  # times 1 / rate before the second half from which the loop is followed, if no speed is limited
-_LEAST_SPEED = 1e-300  # m/s
 
 
 class SteadyError(Record):
@@ -127,10 +158,7 @@ def steady_error(
             law = system.control_of_bodies.law  # whose feedforward leads by the time constants
             if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
                 raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
-            drift = np.zeros((len(limit), 3))
-            for i in np.flatnonzero(system.mean_wind[: len(limit)].any(axis=1)).tolist():
-                heading, wind = float(system.bodies.heading[i]), system.mean_wind[i] + medium[i]
-                drift[i, :2] = -medium[i, :2] - hold_station(system.vehicles[i], heading, medium[i], wind)[1]
+            drift = system.drift_in_wind(medium)
             blown = path._replace(flow=path.flow + drift.reshape(-1)[system.team.slots[: path.flow.shape[1]]])
             bodies, speed, _ = _follow(system, certificate, law, vehicles, fastest, blown)
             strained = np.minimum(speed, limit) > [one.least_speed for one in able]
@@ -165,6 +193,8 @@ def _path_of(
     rate: float | None,
     *,
     most: int = 4_000_000,  # samples times states
+    decays: float = 12.0,  # times 1 / rate before the second half from which it is followed, if no speed is limited
+    gauss: float = 0.5 / math.sqrt(3.0),  # of a period, from its middle, where its mean is taken by Gauss and Legendre
 ) -> _Path:
     """Return the inputs of the loop along the targets' path.
 
@@ -194,31 +224,21 @@ def _path_of(
         raise UndecidedError("the run has too many samples")
     last = len(path.samples) - 1
     counted = last + 1 - (last + 1) // 2
-    decays = rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any()
-    settling = int(_SETTLING / (rate * system.grid.period)) + 1 if rate and decays else last
-    first = max(0, last - counted - settling)
+    first = 0
+    if rate and rate > 0.0 and not np.isfinite(system.law.limit[: len(system.team.agents)]).any():
+        first = max(0, last - counted - int(decays / (rate * system.grid.period)) - 1)
     q_star = Carrier(system).extend(path.samples[first:])
     if q_star.size > most:
         raise UndecidedError("the run is too long")
-    flow = _mean_flow(system, q_star, first, last)
+    middle = 0.5 * (q_star[1:] + q_star[:-1])
+    flow = flow_over_periods(system, middle, first)
+    times = system.grid.span(first, last) + 0.5 * system.grid.period
+    for instant in times - gauss * system.grid.period, times + gauss * system.grid.period:
+        flow += 0.5 * agent_motion(system, instant, middle)
     if not np.isfinite(flow).all():
         raise UndecidedError("q* leaves the file of the flow")
     start = system.initial.reshape(-1)[system.team.slots[: q_star.shape[1]]]
     return _Path(q_star[0] if first else start, q_star, flow, counted)
-
-
-def _mean_flow(system: System, q_star: Array, first: int, last: int) -> Array:
-    """Return the mean velocity of the medium at q* over each period between two samples of a run, (K, n_q), m/s."""
-    period = system.grid.period
-    times = system.grid.span(first, last) + 0.5 * period
-    harmonics = system.harmonics[: len(system.team.agents)].copy()
-    harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * period / (2.0 * np.pi))  # the mean of a sine over a period
-    shaken = evaluate(harmonics, times).reshape(last - first, -1)
-    middle = 0.5 * (q_star[1:] + q_star[:-1])
-    flow = agent_flow(system, middle) + shaken[:, system.team.slots[: q_star.shape[1]]]
-    for instant in times - _GAUSS * period, times + _GAUSS * period:  # the mean over a period, by Gauss and Legendre
-        flow += 0.5 * agent_motion(system, instant, middle)
-    return flow
 
 
 def _follow(
@@ -279,8 +299,386 @@ def _follow(
         speed[k] = np.sqrt(np.bincount(agent, u**2))
         followed[k + 1] = loop.A @ followed[k] + push
         if (speed[k] > limit).any():
-            excess = np.maximum(1.0 - limit / np.maximum(speed[k], _LEAST_SPEED), 0.0)
+            excess = np.maximum(1.0 - limit / np.maximum(speed[k], 1e-300), 0.0)
             followed[k + 1, : len(moved)] -= moved @ (excess[agent] * u)
     error = (q_star - followed[:, :n])[-path.counted :]
-    places = followed[-path.counted :, :n] + path.q_star[0]
-    return float(np.sqrt((error**2).sum(axis=1).mean() / len(limit))), speed, places
+    return (
+        float(np.sqrt((error**2).sum(axis=1).mean() / len(limit))),
+        speed,
+        followed[-path.counted :, :n] + path.q_star[0],
+    )
+
+
+# -- gusts and waves ---------------------------------------------------------------------------------------------------
+
+
+Complex = NDArray[np.complex128]
+
+_MOST_STATES = 300
+"""Largest loop that is solved at every frequency."""
+
+
+class DisturbanceRecord(Record):
+    """RMS errors |q - q*| that gusts and waves leave once the loop has settled; what is steady is not in them."""
+
+    rms: Finite = Field(description="RMS over agents, on ideal kinematics, m; null: see reason")
+    agents: dict[str, Finite] = Field(description="RMS of each agent on ideal kinematics, m")
+    bodies: dict[str, Finite] = Field(description="RMS of each agent on its vehicle, m; empty: see bodies_reason")
+    norm: Norm = Field(PER_AGENT_RMS, description="which norm `rms` is")
+    carried_off: dict[str, float] = Field(
+        {},
+        description="agents that cannot hold station at times: by how much the medium's speed, its mean and twice its "
+        "RMS, exceeds the vehicle's steady speed in its slowest direction, m/s",
+    )
+    clipped: dict[str, float] = Field(
+        {},
+        description="vehicles that begin below or above the altitudes for which the model of the gusts holds: altitude "
+        "of the gusts that they meet, m",
+    )
+    leaves_out: list[str] = Field([], description="what acts in the run and is not in the prediction")
+    reason: str = Field("", description="why it is not known, or empty")
+    bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
+
+    @property
+    def rms_on_bodies(self) -> float | None:
+        """RMS over agents on their vehicles, m; None if it is not known."""
+        known = [rms for rms in self.bodies.values() if rms is not None]
+        return float(np.sqrt(np.mean(np.square(known)))) if known else None
+
+
+class _Loop(NamedTuple):
+    """A loop and how the medium enters it.
+
+    Attributes:
+        M: Map of the states from one sample to the next, shape (S, S).
+        inputs: Inputs of the mean velocities of the agents and of q*, and of the slopes of the surface about the agents
+            along x and y, side by side, shape (S, 3 n_q), s, s and 1.
+        shown: Rows that give the error, shape (n_q, S).
+        period: Time between samples, s.
+        continuous: Eigenvalues k1 lambda of a continuous law and their vectors; None where it is held.
+    """
+
+    M: Array
+    inputs: Array
+    shown: Array
+    period: float
+    continuous: tuple[Array, Array] | None = None
+
+    def response(self, rate: float, *, of_wave: bool) -> Complex:
+        """Return E of the inputs at a frequency, rad/s, shape (n_q, 3 n_q), s and m.
+
+        That is by means over a period, or by the velocity of a wave at the middle of a period.
+        """
+        if of_wave and self.continuous is not None:
+            values, vectors = self.continuous
+            answer = (vectors / (1j * rate + values)) @ vectors.T
+            return np.hstack([answer, -answer, 0.0 * answer])
+        angle = rate * self.period
+        held = np.sinc(angle / (2.0 * np.pi)) if of_wave else 1.0
+        solved = np.linalg.solve(np.exp(1j * angle) * np.eye(len(self.M)) - self.M, self.inputs)
+        return np.asarray(held * (self.shown @ solved), dtype=np.complex128)
+
+
+class _Line(NamedTuple):
+    """A frequency of a spectrum.
+
+    Attributes:
+        rate: rad/s.
+        weight: Weight of the squares of the errors.
+        velocity: Velocities of the medium about all vehicles by each of S random amplitudes, shape (S, V, 3), m/s.
+        slope: Slopes of the surface about them, of a wave; None of a gust, which is held over a period.
+    """
+
+    rate: float
+    weight: float
+    velocity: Complex
+    slope: Complex | None = None
+
+
+def predict_rms(
+    system: System,
+    spectrum: Spectrum,
+    medium: Array,
+    *,
+    steep: float = 1.0 / 60.0,
+) -> DisturbanceRecord:
+    """Predict the errors that gusts and waves leave.
+
+    Args:
+        system: The system.
+        spectrum: Spectrum of H.
+        medium: Mean velocity of the medium that the agents' vehicles meet, shape (N, 3), m/s.
+        steep: Significant height over the peak's wave length, beyond which drift in groups adds some percent.
+    """
+    ids = system.team.agent_ids
+    if not any(flow.gusts is not None or flow.waves is not None for flow in system.flows):
+        return DisturbanceRecord(rms=0.0, agents=dict.fromkeys(ids, 0.0), bodies=dict.fromkeys(ids, 0.0))
+    bodies, bodies_reason = dict[str, float](), ""
+    clipped = dict[str, float]()
+    for id, field, place in zip(system.team.index, system.field, system.initial, strict=True):
+        gusts, height = system.flows[field].gusts, float(place[2]) - system.bodies.surface_height
+        if gusts is not None and isinstance(gusts.altitude, str) and gusts.altitude_of(height) != height:
+            clipped[id] = gusts.altitude_of(height)
+    known = {"carried_off": _carried_off(system, medium), "clipped": clipped}
+    try:
+        _require_known(system)
+        _require_one_side(system)
+        ideal = _rms(system, _ideal_loop(system, spectrum), np.zeros(len(system.team.targets)))
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        return DisturbanceRecord(
+            rms=None,
+            agents=dict.fromkeys(ids),
+            bodies={},
+            **known,
+            **dict.fromkeys(("reason", "bodies_reason"), str(error)),
+        )
+    try:
+        tau = np.array([v.reduced_model().tau.max() for v in system.vehicles[len(ids) :]])
+        bodies = dict(zip(ids, _rms(system, _body_loop(system, spectrum, medium), tau).tolist(), strict=True))
+    except (UndecidedError, InputError, np.linalg.LinAlgError) as error:
+        bodies_reason = str(error)
+    rms = float(np.sqrt(np.mean(ideal**2)))
+    agents = dict(zip(ids, ideal.tolist(), strict=True))
+    left_out = {
+        "slow drift in groups of steep waves": any(
+            flow.waves is not None and flow.waves.steepness > steep for flow in system.flows
+        ),
+        "the safety filter": system.safety is not None,
+        "gusts on hulls": bool(system.wind) and system.flow_named("wind").gusts is not None,
+    }
+    return DisturbanceRecord(
+        rms=rms, agents=agents, bodies=bodies, **known, leaves_out=select_true(left_out), bodies_reason=bodies_reason
+    )
+
+
+def _carried_off(system: System, medium: Array) -> dict[str, float]:
+    """Return by how much the medium is too fast at times for each agent for which it is, m/s."""
+    variance = np.zeros(len(system.field))
+    for number, flow in enumerate(system.flows):
+        if flow.waves is not None:
+            along, up = _speeds(system, flow.waves.sampled(system.seed), number, system.initial[:, 2])
+            variance += 0.5 * np.sum(along**2 + up**2, axis=0)
+    for gusts in of_kind(system.moving, GustArrays):
+        variance[gusts.met > 0] += 2.0 * np.square([filter_of(row).u.size for row in gusts.filters])
+    for frozen in of_kind(system.moving, FrozenArrays):
+        variance += 2.0 * filter_of(frozen.filter).u.size ** 2 * (frozen.met > 0)
+    found = {}
+    for i, id in enumerate(system.team.agent_ids):
+        able = min(capability_of(system.vehicles[i]).least_speed, float(system.law.limit[i]))
+        excess = float(np.linalg.norm(medium[i])) + 2.0 * float(np.sqrt(variance[i])) - able
+        if excess > 0.0:
+            found[id] = excess
+    return found
+
+
+def _require_known(system: System) -> None:
+    """Raise an UndecidedError unless the law's loop is all that answers to the medium."""
+    require_model(system)
+    terms = system.law.terms
+    links = system.law.links.table
+    late = links["delay"].any() or links["lossy"].any() or np.isfinite(links["range"]).any()
+    if terms.drift or terms.feedforward:
+        raise UndecidedError("the law observes the medium's velocity or follows the targets'")
+    if not system.team.symmetric:
+        raise UndecidedError("H is not symmetric")
+    if late or terms.rounds.imperfect:
+        raise UndecidedError("measurements are delayed or lost")
+    if system.team.stressed and terms.newton:
+        raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
+    if not system.team.dirichlet.unique:
+        raise UndecidedError("the harmonic extension is not unique")
+    if len(system.team.target_edges):
+        raise UndecidedError("targets follow one another")
+    if system.effectiveness.given.any():
+        raise UndecidedError("g is the scenario's own")
+
+
+def _require_one_side(system: System) -> None:
+    """Refuse waves if a vehicle in space passes through their surface, where the velocity that it meets jumps.
+
+    Raises:
+        UndecidedError: A target or an agent's q* does, or it is not known whether one does.
+    """
+    waves = any(flow.waves is not None for flow in system.flows)
+    if not waves or system.planar.all():
+        return
+    N = len(system.team.agents)
+    path = follow_targets(system)
+    if path.cells is None and np.isfinite(system.moving_bounds.speed[N:]).all():
+        raise UndecidedError(f"the targets' path in the waves is not known: {path.warning}")
+    height = path.positions[..., 2].copy()
+    height[:, :N] = system.team.unpack(path.q_star)[..., 2]
+    sides = _below(system, height)
+    for v in np.flatnonzero(sides.any(axis=0) & ~sides.all(axis=0)):
+        raise UndecidedError(f"{list(system.team.index)[v]} passes through the surface of the waves")
+
+
+def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
+    """Return the loop of ideal agents."""
+    h, n_q = system.grid.period, int(system.team.first_state[-1])
+    if n_q > _MOST_STATES:
+        raise UndecidedError(f"the team has {n_q} states; up to {_MOST_STATES} are solved")
+    if not system.grid.continuous:
+        return _closed(system, spectrum, ideal_team(system), h)
+    if system.law.extended:
+        raise UndecidedError("the law is continuous and has terms")
+    values, vectors = np.linalg.eigh(system.team.dirichlet.H.toarray())
+    rates = system.gain * values
+    into = (vectors * (-np.expm1(-rates * h) / rates)) @ vectors.T
+    M = (vectors * np.exp(-rates * h)) @ vectors.T
+    return _Loop(M, np.hstack([into, -into, 0.0 * into]), np.eye(n_q), h, (rates, vectors))
+
+
+def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
+    """Return the loop of the agents' vehicles, those that hold no heading turned along the waves, the shorter way."""
+    if system.grid.continuous and of_kind(system.moving, GustArrays) + of_kind(system.moving, FrozenArrays):
+        raise UndecidedError("the law is continuous, and gusts are held")
+    heading = system.bodies.heading.copy()
+    for v in np.flatnonzero(system.planar):
+        waves = system.flows[system.field[v]].waves
+        if waves is not None and not system.vehicles[v].steering.attitude:
+            along = np.radians(waves.direction)
+            heading[v] = along + np.pi * np.round((heading[v] - along) / np.pi)
+    turned = replace(system, bodies=replace(system.bodies, heading=heading))
+    return _closed(turned, spectrum, linear_vehicles(turned, range(len(medium)), medium), period_of_law(system))
+
+
+def _closed(system: System, spectrum: Spectrum, agents: list[LinearVehicle], h: float) -> _Loop:
+    """Close the law's loop around linear vehicles."""
+    block = whole_loop(system, spectrum, agents)
+    plant, Q = block.plant, block.places
+    M = closed(plant, block.law(system.gain))
+    if len(M) > 2 * _MOST_STATES:
+        raise UndecidedError(f"the loop has {len(M)} states; up to {2 * _MOST_STATES} are solved")
+    velocities = []
+    tilts = []
+    for one in agents:
+        s, n = one.B.shape
+        velocity, tilt = np.zeros((2, s, n))
+        if s:
+            first = 3 + (3 - n)  # after the attitude and, of a floating vehicle, the height
+            velocity[first : first + n] = np.eye(n)
+            tilt[:2, :2] = [[0.0, 1.0], [-1.0, 0.0]] if n == 2 else 0.0  # upright on a slope
+        velocities.append(velocity)
+        tilts.append(tilt)
+    E_v, E_s = linalg.block_diag(*velocities), linalg.block_diag(*tilts)
+    n_q, m = Q.shape
+    inputs = np.zeros((len(M), 3 * n_q))
+    inputs[:m] = np.hstack([h * Q.T - plant.C @ E_v, -h * Q.T, -plant.C @ E_s])
+    inputs[m : m + len(E_v)] = np.hstack([E_v - plant.A @ E_v, 0.0 * E_v, E_s - plant.A @ E_s])
+    shown = np.zeros((n_q, len(M)))
+    shown[:, :m] = Q
+    return _Loop(M, inputs, shown, h)
+
+
+def _rms(
+    system: System,
+    loop: _Loop,
+    tau: Array,
+    *,
+    neutral: float = 1.0 + 1e-6,  # of a heading that nothing holds, rounded
+) -> Array:
+    """Return the RMS of each agent, shape (N,), m; `tau` is how slowly each target follows the medium, (M,), s."""
+    if np.abs(np.linalg.eigvals(loop.M)).max() >= neutral:
+        raise UndecidedError("the loop is not stable")
+    carrier = Carrier(system)
+    team, N, n_q = system.team, len(system.team.agents), len(loop.shown)
+    variance = np.zeros(n_q)
+    for rate, weight, velocity, slope in _lines(system, loop.period):
+        places = carrier.carry(velocity[:, N:] * _answer_of_targets(system, loop, tau, rate)[:, None])
+        tilted = np.zeros_like(velocity) if slope is None else slope
+        about, tilts = (x[:, :N].reshape(len(x), -1)[:, team.slots[:n_q]] for x in (velocity, tilted))
+        errors = np.hstack([about, places, tilts]) @ loop.response(rate, of_wave=slope is not None).T
+        variance += weight * (np.abs(errors) ** 2).sum(axis=0)
+    return np.sqrt(np.square(team.unpack(np.sqrt(variance))).sum(axis=1))
+
+
+def _answer_of_targets(system: System, loop: _Loop, tau: Array, rate: float) -> Complex:
+    """Return how targets follow the medium at a frequency, rad/s: their pull holds them, and bodies lag, shape (M,)."""
+    pull = system.motion.pull[len(system.team.agents) :]
+    lag = 1.0 + 1j * rate * tau
+    if loop.continuous is not None:
+        return np.asarray(1.0 / (lag + pull / (1j * rate)))
+    h = loop.period
+    z = np.exp(1j * rate * h)
+    r = np.exp(-h / np.maximum(tau, np.finfo(float).tiny))
+    way = tau * (1.0 - r)
+    moved = ((h - way) + way * (1.0 - r) / (z - r)) / (z - 1.0)
+    return 1.0 / (lag * (1.0 + pull * moved))
+
+
+def _lines(system: System, period: float) -> Iterator[_Line]:
+    """Yield the frequencies of all that moves in the medium; samples have a period, s."""
+    agents = system.team.harmonic_extension(system.initial)
+    places = np.concatenate([np.nan_to_num(agents), system.initial[len(agents) :]])
+    for number, flow in enumerate(system.flows):
+        if flow.waves is None:
+            continue
+        waves = flow.waves.sampled(system.seed)
+        along, up = _speeds(system, waves, number, places[:, 2])
+        steep = (waves.number * waves.amplitude)[:, None] * (system.planar & (system.field == number))
+        for j, (rate, unit) in enumerate(zip(waves.rate, waves.unit, strict=True)):
+            phase = np.exp(-1j * waves.number[j] * (places[:, :2] @ unit))
+            velocity = phase[:, None] * np.column_stack([along[j, :, None] * unit, 1j * up[j]])
+            slope = np.zeros_like(velocity)
+            slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
+            yield _Line(rate, 0.5, velocity[None], slope[None])
+    for gusts in of_kind(system.moving, GustArrays):  # of each vehicle's own
+        filters = [filter_of(row) for row in gusts.filters]
+        for angle, weight in _angles(filters):
+            velocity = np.zeros((len(filters), 3, len(gusts.met), 3), dtype=np.complex128)
+            for k, (v, f) in enumerate(zip(np.flatnonzero(gusts.met), filters, strict=True)):
+                velocity[k, :, v] = _amplitudes(f, angle)
+            yield _Line(angle / period, weight, velocity.reshape(-1, *velocity.shape[2:]))
+    for frozen in of_kind(system.moving, FrozenArrays):
+        f = filter_of(frozen.filter)
+        distance = places[:, :2] @ [f.cosine, f.sine]
+        for angle, weight in _angles([f]):
+            phase = np.exp(-1j * angle / period * distance / place_of(frozen.place).speed) * (frozen.met > 0)
+            yield _Line(angle / period, weight, phase[:, None] * _amplitudes(f, angle)[:, None])
+
+
+def _below(system: System, height: Array) -> BoolArray:
+    """Return which vehicles are in space and below the undisturbed surface at heights (..., V), m."""
+    return ~system.planar & (height < system.bodies.surface_height)
+
+
+def _speeds(system: System, waves: Components, number: int, height: Array) -> tuple[Array, Array]:
+    """Return the amplitudes, along the wave and upwards, of the velocities that vehicles meet, shapes (W, V), m/s.
+
+    Args:
+        system: The system.
+        waves: The waves.
+        number: Number of the flow field that has them.
+        height: Height of each vehicle, shape (V,), m.
+    """
+    below = _below(system, height)
+    along, up = waves.speeds_at(np.where(below, height - system.bodies.surface_height, 0.0))
+    return along * (below | (system.planar & (system.field == number))), up * below
+
+
+def _angles(
+    filters: list[Filter],
+    *,
+    count: int = 240,  # of the spectra of gusts, evenly in the logarithm
+    lowest: float = 1e-3,  # of the slowest rate of gusts and loop
+) -> Iterator[tuple[float, float]]:
+    """Yield angles from 0 to pi and the weight of each: the integral of |E|^2 S over both signs, over 2 pi."""
+    slowest = min(float(1.0 - part.decay) for f in filters for part in (f.u, f.v, f.w))  # part that decays in a period
+    logarithm = np.linspace(np.log(lowest * min(slowest, 1.0)), np.log(np.pi), count)
+    weight = np.full(count, logarithm[1] - logarithm[0])
+    weight[[0, -1]] *= 0.5
+    angles = np.exp(logarithm)
+    yield from zip(angles.tolist(), (weight * angles / np.pi).tolist(), strict=True)
+
+
+def _amplitudes(gusts: Filter, angle: float) -> Array:
+    """Return the roots of the spectra of u, v and w at an angle, along their directions, shape (3, 3), m/s."""
+    z = np.exp(1j * angle)
+    found = [abs(gusts.u.size * gusts.u.noise / (z - gusts.u.decay)) ** 2]
+    for f in (gusts.v, gusts.w):
+        pole = 1.0 / (z - f.decay)
+        mixed = f.corner * (f.one + f.other * f.slip * pole) + f.other * f.below
+        found.append(abs(mixed * pole) ** 2 + abs(f.other * f.last * pole) ** 2)
+    frame = np.array([[gusts.cosine, gusts.sine, 0.0], [-gusts.sine, gusts.cosine, 0.0], [0.0, 0.0, 1.0]])
+    return np.sqrt(found)[:, None] * frame

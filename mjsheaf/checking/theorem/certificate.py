@@ -180,7 +180,7 @@ def certificate_of(search: "Search") -> Certificate:
     }
     unbounded = (
         obstacle_of_team(system.team)
-        or obstacle_of_targets(system)
+        or targets_loop(system).failure
         or next(iter(select_true(unknown)), "")
         or _gain_condition(theorem, constants.initial_error, search.rate, region)
         or ("" if region.verified else region.source)
@@ -294,15 +294,20 @@ class Search:
             tube = self.tube(theorem)
             if self.rho is not None or tube.slope.upper <= slope:
                 # The assumed slope may be a little more than the tube's.
-                rho = tube.slope if self.rho is not None else replace(tube.slope, upper=slope)
-                return Region(tube, "a tube about q* as wide as the bound", True, rho)
+                return Region(
+                    tube,
+                    "a tube about q* as wide as the bound",
+                    True,
+                    tube.slope if self.rho is not None else replace(tube.slope, upper=slope),
+                )
             slope = step * tube.slope.upper
         return None
 
     def _confines(self, bound: Theorem) -> bool:
         """Return True if a bound keeps the agents within a region of finite, searchable size."""
-        start = self.constants.initial_error
-        return bound.contains(start) and max(bound.radius, start) < FARTHEST
+        return (
+            bound.contains(self.constants.initial_error) and max(bound.radius, self.constants.initial_error) < FARTHEST
+        )
 
     def tube(
         self,
@@ -357,21 +362,14 @@ def obstacle_of_law(system: System) -> str:
     """Why no bound of the continuous, unlimited law holds at any gain: links, rank of g, the targets' law; or empty."""
     if len(system.law.links.table):
         return "links are not exact: the theorem's agents measure everything at once, without error"
-    return obstacle_of_rank(system) or obstacle_of_targets(system)
+    return obstacle_of_rank(system) or targets_loop(system).failure
 
 
 def obstacle_of_rank(system: System) -> str:
     """Name the first agent whose g is not of full row rank; empty if there is none."""
-    agents = system.team.agents
-    for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in agents]):
-        return f"g of {agents[i].id} is not of full row rank: g g^+ is not the identity"
+    for i in without_full_row_rank(system.effectiveness, [agent.dimension for agent in system.team.agents]):
+        return f"g of {system.team.agents[i].id} is not of full row rank: g g^+ is not the identity"
     return ""
-
-
-def obstacle_of_targets(system: System) -> str:
-    """Why the targets' path has no bound: their own held law diverges; or empty."""
-    loop = targets_loop(system)
-    return "" if loop.stable else loop.failure
 
 
 def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
@@ -385,8 +383,11 @@ def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, b
         return FILTERED
     limit = float(system.law.limit[: len(system.team.agents)].min())
     asked = system.gain * spectrum.lambda_max * max(constants.initial_error, bound.radius)
-    beyond = f"the law may command {asked:.3g} m/s, above a speed limit of {limit:.3g} m/s"
-    return beyond if np.isfinite(limit) and asked > limit else ""
+    return (
+        f"the law may command {asked:.3g} m/s, above a speed limit of {limit:.3g} m/s"
+        if np.isfinite(limit) and asked > limit
+        else ""
+    )
 
 
 def gain_for_wanted_radius(
@@ -459,8 +460,9 @@ def _decide(
     smooth, (rank, inverse) = _smooth(system, region, confined, constants), _rank_and_inverse(system)
     trivial: Finding = "does not apply", None, "", "the team has no targets and no anchors: see rigidity"
     if not system.team.free:
-        drifting = _first([direction.description for direction in cohomology.basis], 4, "; ")
-        witness = drifting or "no agent is free to drift"
+        witness = (
+            _first([direction.description for direction in cohomology.basis], 4, "; ") or "no agent is free to drift"
+        )
         trivial = "fails" if cohomology.basis else "holds", float(cohomology.dimension), "", witness
     found = {
         "f is continuously differentiable": smooth,
@@ -511,13 +513,21 @@ def _smooth(system: System, region: Region, confined: bool, constants: Constants
         steepest = f"every kernel is smooth; the agents' field is steepest {near}"
         return "holds", rho.upper, "1/s", steepest if rho.upper > 0.0 else "no agent's drift depends on where it is"
     if confined and np.isfinite(rho.upper):
-        outside = f"the singular kernels lie outside the agents' region, where the field is steepest {near}"
-        return "holds", rho.upper, "1/s", outside
+        return (
+            "holds",
+            rho.upper,
+            "1/s",
+            f"the singular kernels lie outside the agents' region, where the field is steepest {near}",
+        )
     between = tube_guessed(system, path, margin=0.0).slope
     if not np.isfinite(between.upper):
         at = ", ".join(f"{x:.3g}" for x in between.where)
-        inside = f"the field that agents meet is singular at ({at}), inside their region: a core radius is 0"
-        return "fails", None, "1/s", inside
+        return (
+            "fails",
+            None,
+            "1/s",
+            f"the field that agents meet is singular at ({at}), inside their region: a core radius is 0",
+        )
     why = "a kernel of the flow that agents meet has no core, and nothing proves that they keep away from it"
     return "undecided", None, "1/s", why
 
@@ -546,8 +556,12 @@ def _rank_and_inverse(system: System) -> tuple[Finding, Finding]:
     least, where = float(singular[-1]), "the same at every position and heading, as g only turns with them"
     if deficient:
         rank = f"{who} cannot push in every direction of its state space, {where}"
-        unbounded = f"g of {who} loses rank, so that g^+ is not bounded near it"
-        return ("fails", least, unit, rank), ("fails", None, "", unbounded)
+        return ("fails", least, unit, rank), (
+            "fails",
+            None,
+            "",
+            f"g of {who} loses rank, so that g^+ is not bounded near it",
+        )
     return (
         ("holds", least, unit, f"smallest singular value, that of {who}; {where}"),
         ("holds", 1.0 / least, inverse_unit, f"largest gain of g^+, that of {who}"),
@@ -586,8 +600,8 @@ def _bounded_difference(system: System, constants: Constants, smooth: Verdict, f
         return "does not apply", None, "", "it is an assumption of Theorem 1 alone, which is about other teams"
     if smooth == "fails":
         return "fails", None, "m/s", "a field is unbounded inside the region: a core radius is 0 there"
-    if unbounded := obstacle_of_targets(system):
-        return "fails", None, "m/s", unbounded
+    if diverging := targets_loop(system).failure:
+        return "fails", None, "m/s", diverging
     if not np.isfinite(system.largest_disturbance[len(system.team.agents) :]).all():
         return "does not apply", None, "m/s", f"the targets have no certain path: {path.warning}"
     if path.warning:
@@ -596,5 +610,9 @@ def _bounded_difference(system: System, constants: Constants, smooth: Verdict, f
         return "undecided", bound, "m/s", "q* is not unique, so f_q(q*) is undefined"
     if not np.isfinite(bound):
         return "undecided", bound, "m/s", "q* or a target comes near a singular kernel of the flow"
-    where = f"largest near t = {constants.difference.time:.4g} s; the path error is at most {path.error:.1g} m"
-    return "holds", bound, "m/s", where
+    return (
+        "holds",
+        bound,
+        "m/s",
+        f"largest near t = {constants.difference.time:.4g} s; the path error is at most {path.error:.1g} m",
+    )

@@ -56,7 +56,6 @@ _PARTS = 4  # into which a cell is cut
 _MOST_NUMBERS = 8_000_000  # of f_B over cells that were cut
 _ROUNDING = 1e-9
 _MOST_SPANS = 32  # of time
-_GAUSSIAN = (GustArrays, FrozenArrays)  # kinds of moving media without a bound
 FARTHEST = 1e12
 """m: a box of this size stands for the whole space."""
 
@@ -97,13 +96,14 @@ def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tupl
 
     The first is NaN if the change of linearised edges is not known.
     """
-    rate = carrier.rate if system.team.changing is None else np.nan
-    carried = carrier.carry(np.nan_to_num(path.drift)) + rate
+    carried = carrier.carry(np.nan_to_num(path.drift)) + (carrier.rate if system.team.changing is None else np.nan)
     N = len(system.team.agents)
-    shaking = evaluate(system.harmonics[N:], path.time)
-    if system.moving:
-        shaking = moving_along(system.medium, path.time, path.positions)[:, N:]
-    shaken = carrier.carry(shaking) - agent_motion(system, path.time, path.q_star, _GAUSSIAN)
+    shaking = (
+        moving_along(system.medium, path.time, path.positions)[:, N:]
+        if system.moving
+        else evaluate(system.harmonics[N:], path.time)
+    )
+    shaken = carrier.carry(shaking) - agent_motion(system, path.time, path.q_star, (GustArrays, FrozenArrays))
     return carried, agent_flow(system, path.q_star), shaken
 
 
@@ -183,8 +183,12 @@ def coarser(cells: Cells, most: int) -> tuple[Array, Array, Array, Array]:
     centre = 0.5 * (low + high)
     last = np.append(first[1:], len(cells.begin))
     away = np.linalg.norm(cells.centre - np.repeat(centre, last - first, axis=0), axis=2)
-    radius = np.maximum.reduceat(away + np.linalg.norm(cells.half, axis=2) + cells.bend, first)
-    return cells.begin[first], cells.end[last - 1], centre, radius * (1.0 + _ROUNDING)
+    return (
+        cells.begin[first],
+        cells.end[last - 1],
+        centre,
+        np.maximum.reduceat(away + np.linalg.norm(cells.half, axis=2) + cells.bend, first) * (1.0 + _ROUNDING),
+    )
 
 
 def agent_flow(system: System, q: Array) -> Array:
@@ -194,6 +198,21 @@ def agent_flow(system: System, q: Array) -> Array:
     for field, own in _agents_by_field(system):
         w[:, own] = system.flows[field].velocity(spread[:, own])
     return w.reshape(len(q), -1)[:, system.team.slots[: q.shape[1]]]
+
+
+def flow_over_periods(system: System, middle: Array, first: int) -> Array:
+    """Return the mean of the steady flow and of sines of the disturbance over periods of a run, shape (K, n_q), m/s.
+
+    Args:
+        system: The system.
+        middle: Stacked states of the agents in the middle of each period, shape (K, n_q), m.
+        first: Number of the sample with which the first of the periods begins.
+    """
+    h = system.grid.period
+    harmonics = system.harmonics[: len(system.team.agents)].copy()
+    harmonics[..., :3] *= np.sinc(harmonics[..., 3:4] * h / (2.0 * np.pi))  # the mean of a sine over a period
+    shaken = evaluate(harmonics, system.grid.span(first, first + len(middle)) + 0.5 * h).reshape(len(middle), -1)
+    return agent_flow(system, middle) + shaken[:, system.team.slots[: middle.shape[1]]]
 
 
 def agent_motion(system: System, time: Array, q: Array, without: tuple[type, ...] = ()) -> Array:
@@ -307,8 +326,11 @@ def bound_moving(system: System, path: TargetPath, carrier: Carrier, spectrum: S
         rest = (*others, *(piece for k, piece in enumerate(pieces) if k not in shared))
         speeds = varying.bounds(system.harmonics) + bounds_of(rest, V).speed
         largest = float((speeds if shared else system.largest_disturbance).max(initial=0.0))
-        omega_bar = disturbance_bound(spectrum.sigma_max_B, spectrum.lambda_min, N, V - N, largest)
-        return Moving(float(bounds[shared, 0].sum()), omega_bar, float(bounds[shared, 1].sum()))
+        return Moving(
+            float(bounds[shared, 0].sum()),
+            disturbance_bound(spectrum.sigma_max_B, spectrum.lambda_min, N, V - N, largest),
+            float(bounds[shared, 1].sum()),
+        )
 
     def radius(moving: Moving) -> float:
         """Return the ultimate radius at the best rate, up to a factor, m."""
@@ -338,8 +360,9 @@ def _pieces_of(parts: Parts) -> tuple[Parts, Parts]:
         if isinstance(part, VaryingArrays):
             shared.append(part._replace(vortices=part.vortices.select(slice(0))))
             still = part._replace(tide=0.0 * part.tide, ramp=0.0 * part.ramp)
-            count = len(part.vortices.core2)
-            shared += [still._replace(vortices=part.vortices.select(slice(k, k + 1))) for k in range(count)]
+            shared += [
+                still._replace(vortices=part.vortices.select(slice(k, k + 1))) for k in range(len(part.vortices.core2))
+            ]
         elif isinstance(part, WaveArrays):
             shared.append(part._replace(met=np.where(part.met == 1, 1, 0)))
             others.append(part._replace(met=np.where(part.met == 1, 0, part.met)))

@@ -57,7 +57,6 @@ from mjsheaf.media.flow import (
 )
 from mjsheaf.vectors import triple
 
-_NO_CORE = 1e-30  # m; a core smaller than this is none
 _ROUNDING = 1e-12  # of the sum of all kernels' bounds
 _TWO_OVER_E = 2.0 / math.e
 
@@ -113,8 +112,9 @@ def supremum(
         The supremum's bounds; upper == seen == |drift|, of the slope 0, where no kernel has any strength.
     """
     boxes = tuple(tuple(map(tuple, np.atleast_2d(corner).tolist())) for corner in (low, high))
-    table = tuple(map(tuple, flow.table.tolist()))
-    return _supremum(table, flow.dimension, boxes, planar, slope, drift, tolerance, most_cells)
+    return _supremum(
+        tuple(map(tuple, flow.table.tolist())), flow.dimension, boxes, planar, slope, drift, tolerance, most_cells
+    )
 
 
 Rows = tuple[tuple[float, ...], ...]
@@ -181,8 +181,7 @@ def _search(
         bounded += len(c)
         return found
 
-    firsts = range(0, len(low), batch)
-    uppers = np.concatenate([bound(centres[k : k + batch], halves[k : k + batch]) for k in firsts])
+    uppers = np.concatenate([bound(centres[k : k + batch], halves[k : k + batch]) for k in range(0, len(low), batch)])
     while True:
         # Cells that need no cut, or are as small as rounding lets them be.
         done = (uppers <= (1.0 + tolerance) * seen) | (halves.max(axis=1) <= 1e-14 * np.abs(centres).max(axis=1))
@@ -247,7 +246,7 @@ class _Kernels:
             self._v[is_vortex] = height[is_vortex, None] * axis[:, [1, 0]] * [1.0, -1.0]
         self._m, self._shift = np.ones(len(poles)), np.linalg.norm(self._v, axis=1)
         self._m[is_vortex] = np.linalg.norm(axis, axis=1) if n == 3 else np.abs(axis[:, 2])
-        self.singular = self.centre[: len(poles)][self._C <= _NO_CORE**2]
+        self.singular = self.centre[: len(poles)][self._C <= 1e-60]  # a core below 1e-30 m is none
 
         # Channels: strength exp(-A |n|^2 - B l^2) d, projected onto the plane of a planar vehicle.
         self._push = channels[:, STRENGTH, None] * channels[:, AXIS : AXIS + n]

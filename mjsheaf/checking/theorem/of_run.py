@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import envelope
@@ -14,10 +14,6 @@ from mjsheaf.errors import UndecidedError
 from mjsheaf.loop.system import Phase, System, during
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import pieces_of
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 BROKEN = 1.0 + 1e-6
 """A ratio of measured to bound above this breaks the bound."""
@@ -64,10 +60,11 @@ class RunBound:
     def departed(self) -> str:
         """That the run has other targets than were checked; or empty."""
         error = self.certificate.constants.path.error
-        departed = (
+        return (
             f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
+            if self.departure > error
+            else ""
         )
-        return departed if self.departure > error else ""
 
     @property
     def applies(self) -> bool:
@@ -111,13 +108,22 @@ class RunBound:
         )
 
 
-def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int = 0) -> RunBound:
+def bound_of_run(run: System | Sequence[Phase], dataset: xr.Dataset, which: int = 0) -> RunBound:
     """Compare one phase of a run with its system's certificate, from where it began; the run is read in pieces."""
     last = dataset["time"].values[-1:]
     system, dataset = _phase_of(run, dataset, which)
     certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
     initial_error = float(np.sqrt((dataset["tracking_error"][0].values ** 2).sum()))
-    farthest, departure = _departure(certificate, dataset)
+    # The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m.
+    path, departure, farthest, done = certificate.constants.path, 0.0, 0.0, 0
+    for piece in pieces_of(dataset, ["agent_position", "target_position"]):
+        agents, targets = piece["agent_position"].values, np.nan_to_num(piece["target_position"].values)
+        farthest = max(farthest, *(float(np.nanmax(np.abs(x), initial=0.0)) for x in (agents, targets)))
+        first = -done % path.stride
+        known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
+        apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
+        departure = max(departure, float(apart.max(initial=0.0)))
+        done += len(targets)
     bound = RunBound(
         certificate=certificate,
         bodies=bodies,
@@ -131,8 +137,7 @@ def bound_of_run(run: System | Sequence[Phase], dataset: "xr.Dataset", which: in
     if bound.reason:
         return bound
     error, time = _measured(dataset)
-    share = np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf)
-    ratio, settled, worst = _largest(share, time)
+    ratio, settled, worst = _largest(np.nan_to_num(error / (bound.at(time) + bound.accuracy), posinf=np.inf), time)
     return replace(bound, ratio=ratio, settled_ratio=settled, worst=worst)
 
 
@@ -196,7 +201,7 @@ class HeldBound:
 
 
 def held_bound_of_run(
-    run: System | Sequence[Phase], dataset: "xr.Dataset", theorem: RunBound, which: int = 0
+    run: System | Sequence[Phase], dataset: xr.Dataset, theorem: RunBound, which: int = 0
 ) -> HeldBound:
     """Compare one phase of a run with the bound of its held law.
 
@@ -220,7 +225,7 @@ def held_bound_of_run(
     return HeldBound(samples, "", *_largest(np.nan_to_num(error / (samples + theorem.accuracy), nan=np.inf), time))
 
 
-def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) -> tuple[System, "xr.Dataset"]:
+def _phase_of(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> tuple[System, xr.Dataset]:
     """As `of_phase`, the system over that phase alone and from where the run was at its start."""
     system, own = of_phase(run, dataset, which)
     if isinstance(run, System) or len(run) == 1:
@@ -234,7 +239,7 @@ def _phase_of(run: System | Sequence[Phase], dataset: "xr.Dataset", which: int) 
     return during(run, which, initial), own
 
 
-def bounds_of_phases(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[tuple[RunBound, HeldBound]]:
+def bounds_of_phases(phases: Sequence[Phase], dataset: xr.Dataset) -> list[tuple[RunBound, HeldBound]]:
     """Compare each phase that a run reached with the bounds of Theorem 1 and of the held law."""
     end = float(dataset["time"][-1]) + 0.5 * phases[0].system.grid.period
     came = [k for k, phase in enumerate(phases) if k == 0 or phase.time < end]
@@ -260,21 +265,7 @@ def _largest(share: Array, time: Array) -> tuple[float, float, float]:
     return float(share[worst]), float(share[len(share) // 2 :].max()), float(time[worst])
 
 
-def _measured(dataset: "xr.Dataset") -> tuple[Array, Array]:
+def _measured(dataset: xr.Dataset) -> tuple[Array, Array]:
     """|e| at the samples of a run, m, and their times, s, shape (T,) each."""
     pieces = (piece["tracking_error"].values for piece in pieces_of(dataset, ["tracking_error"]))
     return np.concatenate([np.sqrt((values**2).sum(axis=1)) for values in pieces]), dataset["time"].values
-
-
-def _departure(certificate: Certificate, dataset: "xr.Dataset") -> tuple[float, float]:
-    """The farthest coordinate of the run, and the largest distance of its targets from the certificate's path, m."""
-    path, departure, farthest, done = certificate.constants.path, 0.0, 0.0, 0
-    for piece in pieces_of(dataset, ["agent_position", "target_position"]):
-        agents, targets = piece["agent_position"].values, np.nan_to_num(piece["target_position"].values)
-        farthest = max(farthest, *(float(np.nanmax(np.abs(x), initial=0.0)) for x in (agents, targets)))
-        first = -done % path.stride
-        known = path.samples[(done + first) // path.stride :][: len(targets[first :: path.stride])]
-        apart = np.linalg.norm(targets[first :: path.stride][: len(known)] - known, axis=2)
-        departure = max(departure, float(apart.max(initial=0.0)))
-        done += len(targets)
-    return farthest, departure

@@ -37,7 +37,7 @@ from mjsheaf.checking.theorem.flow_bounds import bound_slopes, flow_scale, flow_
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered
-from mjsheaf.errors import listed, select_true
+from mjsheaf.errors import UndecidedError, listed, select_true
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.law.law import ControlArrays, evaluate_law, new_memory, pack_edges, with_seed
 from mjsheaf.law.paths import MotionArrays, add_reference, reference_bounds
@@ -56,7 +56,6 @@ _MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the sample
 _SHARE_OF_DECAY = 0.25  # of the fastest time constant
 _SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
 _NEARLY = 1.0 - 1e-6  # fraction of the rest of a period that counts as all of it
-_ERROR, _RELATIVE_ERROR = 1e-6, 1e-8  # at least allowed of the path: m, and relative to its farthest position
 
 
 class Carrier:
@@ -318,10 +317,6 @@ def _references(motion, times, nowhere, out):
             add_reference(motion, v, times[k], nowhere, out[k, v])
 
 
-class _UnknownPathError(Exception):
-    """The path cannot be followed; the message says why."""
-
-
 def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]:
     """All on which the targets' path depends; of the agents only where they begin."""
     alone, team = _targets_alone(system), (system.team.members, sorted(system.team.absent), system.law.edges)
@@ -366,17 +361,17 @@ def follow_targets(
         return TargetPath(span, still, none, extend(none, span), None, 0.0, none[:1], 1, "there are no targets")
     try:
         if not np.isfinite(system.moving_bounds.speed[N:]).all():
-            raise _UnknownPathError("they meet gusts, which are not bounded")
+            raise UndecidedError("they meet gusts, which are not bounded")
         finer, _ = _integrate(system, share=0.5, tolerance=0.1 * tolerance)
         farthest = float(np.abs(finer).max())
-        error = _ERROR + _RELATIVE_ERROR * farthest
+        error = 1e-6 + 1e-8 * farthest  # m, at least
         samples, steps = _integrate(system, share=1.0, tolerance=tolerance)
         apart = float(np.abs(samples - finer).max())
         if differences * apart > max(largest * farthest, largest):
-            raise _UnknownPathError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
+            raise UndecidedError(f"two integrations of their path end {apart:.2g} m apart: it is too sensitive")
         error = max(error, differences * apart)
         cells = _cells_of(system, steps, error)
-    except _UnknownPathError as unknown:
+    except UndecidedError as unknown:
         return TargetPath(
             span,
             still,
@@ -393,8 +388,17 @@ def follow_targets(
     time, drift = np.append(cells.begin[kept], cells.end[-1]), np.append(cells.drift[kept], cells.drift[-1:], axis=0)
     positions = np.repeat(system.initial[None], len(time), axis=0)
     positions[:-1, N:], positions[-1, N:] = cells.centre[kept] - cells.half[kept], cells.centre[-1] + cells.half[-1]
-    q_star = extend(positions[:, N:], time)
-    return TargetPath(time, positions, drift, q_star, cells, error, samples[:: _between(system)], _stride(system), "")
+    return TargetPath(
+        time,
+        positions,
+        drift,
+        extend(positions[:, N:], time),
+        cells,
+        error,
+        samples[:: _between(system)],
+        _stride(system),
+        "",
+    )
 
 
 def _require_one_side(system: System, cells: Cells) -> None:
@@ -404,7 +408,7 @@ def _require_one_side(system: System, cells: Cells) -> None:
         low, high = (cells.centre[..., 2] + s * (np.abs(cells.half[..., 2]) + cells.bend) for s in (-1.0, 1.0))
         through = np.any((low < waves.level[0]) & (waves.level[0] <= high), axis=0) & (waves.met[N:] == 2)
         for k in np.flatnonzero(through):
-            raise _UnknownPathError(f"{system.team.target_ids[k]} passes through the surface of the waves")
+            raise UndecidedError(f"{system.team.target_ids[k]} passes through the surface of the waves")
 
 
 def _integrate(
@@ -445,11 +449,11 @@ def _integrate(
     if k == len(times) - 1:
         return samples, _Steps(*(part[:count].copy() for part in steps))
     if count == n:
-        raise _UnknownPathError(
+        raise UndecidedError(
             f"their path is too long or too stiff to follow: {n} steps lead to t = {now:.4g} s of {times[-1]:.4g} s"
         )
     fastest = system.team.target_ids[int(np.nan_to_num(np.linalg.norm(run.slope[0], axis=1), nan=np.inf).argmax())]
-    raise _UnknownPathError(_beyond(fastest, now))
+    raise UndecidedError(_beyond(fastest, now))
 
 
 def _beyond(name: str, time: float) -> str:
@@ -471,7 +475,7 @@ def _cells_of(
     """Return cells that hold every path within `error`, m, of the steps taken; see the module.
 
     Raises:
-        _UnknownPathError: The speed cannot be bounded over a step, or the path leads through the surface of waves.
+        UndecidedError: The speed cannot be bounded over a step, or the path leads through the surface of waves.
     """
     N, own = len(system.team.agents), slice(len(system.team.agents), None)
     control = _targets_alone(system)[0]
@@ -496,8 +500,9 @@ def _cells_of(
     for _ in range(guesses):
         v = V[wrong]
         for k in range(len(pull)):
-            field = system.flows[int(system.field[N + k])]
-            slope[wrong, k] = bound_slopes(field, steps.start[wrong, k], h[wrong, 0] * v[:, k] + error)
+            slope[wrong, k] = bound_slopes(
+                system.flows[int(system.field[N + k])], steps.start[wrong, k], h[wrong, 0] * v[:, k] + error
+            )
         flow[wrong] = D[wrong] = np.where(v > 0.0, slope[wrong] * v, 0.0)
         if system.grid.continuous:
             D[wrong] += acceleration + pull * (fastest + v) + gain * np.linalg.norm(consensus(alike(v), abs), axis=2)
@@ -509,9 +514,7 @@ def _cells_of(
         if not len(wrong):
             break
     else:
-        raise _UnknownPathError(
-            _beyond(system.team.target_ids[int(V[wrong[0]].argmax())], float(steps.begin[wrong[0]]))
-        )
+        raise UndecidedError(_beyond(system.team.target_ids[int(V[wrong[0]].argmax())], float(steps.begin[wrong[0]])))
     slope += pull + gain * np.linalg.norm(consensus(np.ones((1, len(pull), 3)), abs)[0], axis=1)
     if system.grid.continuous:  # consensus and pull act on p' and v - p' at the start, changed by h (D + W)
         lead = np.zeros_like(steps.velocity)
