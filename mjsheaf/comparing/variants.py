@@ -57,7 +57,7 @@ from mjsheaf.law.edges import LinkArrays
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.results.ending import Ending, settling_time
-from mjsheaf.runs.simulate import Progress, dataset_of, no_progress
+from mjsheaf.runs.simulate import Progress, datasets_of, no_progress
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import FiniteRecord
 from mjsheaf.vehicles.effects import has_effects
@@ -429,8 +429,9 @@ def _simulate(
             return source, asked
     backend = "physics" if setup.agents else "ideal"
     with engine_of(phases, backend, controller=law.load(seed) if law else None) as engine:
-        pieces = list(engine.record(phases[0].system.grid.steps + 1, targets))
-        dataset = dataset_of(pieces, phases, backend, seed, engine.controller)
+        samples = phases[0].system.grid.steps + 1
+        pieces = list(engine.record(samples, targets))
+        (dataset,) = datasets_of(pieces, phases, backend, seed, samples, engine.controller)
     if source is not None and source.attrs["status"] == "unstable" and dataset.attrs["status"] == "finished":
         why = f"the run that provides its targets ended: {source.attrs['message']}"
         dataset.attrs |= {"status": "unstable", "message": why}
