@@ -34,10 +34,13 @@ if TYPE_CHECKING:
 
 
 class Sink(Protocol):
-    """Interface for receiving a run."""
+    """Interface for receiving a run; a subclass has to implement `write`."""
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Start; called once before the first chunk, with its variables and coordinates by name and its attributes."""
+        """Start; called once before the first chunk, with its variables and coordinates by name and its attributes.
+
+        Chunks contain all of these, so a sink need not do anything here.
+        """
 
     def write(self, chunk: xr.Dataset) -> None:
         """Receive the next samples; the attributes of the last chunk are those of the whole run."""
@@ -46,7 +49,7 @@ class Sink(Protocol):
         """Finish; also called if a run ends with an exception, or before it has started."""
 
 
-class Memory:
+class Memory(Sink):
     """Sink that keeps a run in memory.
 
     Attributes:
@@ -59,9 +62,6 @@ class Memory:
         self._left = limit
         self._chunks: list[xr.Dataset] = []
 
-    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Do nothing, because chunks contain everything."""
-
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk."""
         self._left -= chunk.nbytes
@@ -69,9 +69,6 @@ class Memory:
         if self._left < 0.0:
             self.overflowed = True
             self._chunks.clear()
-
-    def close(self) -> None:
-        """Keep the chunks that were received."""
 
     @property
     def dataset(self) -> xr.Dataset:
@@ -137,7 +134,7 @@ def dataset_bytes(dataset: xr.Dataset) -> bytes:
     return file.getvalue()
 
 
-class NetCDF:
+class NetCDF(Sink):
     """Sink that writes netCDF-4 in a separate thread, so that no signal interrupts HDF5."""
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -166,9 +163,6 @@ class NetCDF:
                 os.pwrite(self._file.fileno(), bytes(size), begin)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._file.name)) from None
-
-    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Do nothing, because the first chunk includes the variables without time."""
 
     def write(self, chunk: xr.Dataset) -> None:
         """Append a chunk to the file."""
@@ -230,8 +224,7 @@ def length_of_piece(dataset: xr.Dataset) -> int:
 
     Each read takes about 10 ms whatever its size, because h5netcdf looks up the length of `time` in every variable.
     """
-    variable = dataset["agent_position"]
-    chunks = variable.encoding.get("chunksizes")
+    chunks = dataset["agent_position"].encoding.get("chunksizes")
     together = int(chunks[0]) if chunks else max(1, min(2048, dataset.sizes["time"]))
     vehicles = dataset.sizes["agent"] + dataset.sizes.get("target", 0)
     return together * max(1, _POSITIONS_READ // (together * vehicles))
@@ -247,9 +240,7 @@ def thinned(dataset: xr.Dataset) -> xr.Dataset:
     samples = dataset.sizes["time"]
     most = max(_FEWEST_SAMPLES, min(_MOST_SAMPLES, _MOST_POSITIONS // dataset.sizes["agent"]))
     kept = thin(samples, most)
-    if len(kept) == samples:
-        return dataset.load()
-    return at_rows(dataset, kept)
+    return dataset.load() if len(kept) == samples else at_rows(dataset, kept)
 
 
 def at_rows(dataset: xr.Dataset, rows: IntArray) -> xr.Dataset:
@@ -481,23 +472,15 @@ def reopen_run(directory: Path) -> Iterator[tuple["Scenario", xr.Dataset, dict[s
 
     with open_run(directory) as (dataset, summary):
         scenario = load_scenario(directory / "scenario.yaml")
-        _require_match(directory, scenario, dataset)
+        fault = fault_of(dataset)
+        if fault:
+            raise InputError(f"{directory}: result.nc is not that of a run: it {fault}")
+        for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
+            place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
+            found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
+            if found != {m.id: len(m.position) for m in members}:
+                raise InputError(
+                    f"{directory}: result.nc and scenario.yaml do not match: their {kind}s differ; run the scenario "
+                    "again"
+                )
         yield scenario, dataset, summary
-
-
-def _require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) -> None:
-    """Refuse a run whose data do not match its scenario.
-
-    Raises:
-        InputError: The message names the directory and the difference.
-    """
-    fault = fault_of(dataset)
-    if fault:
-        raise InputError(f"{directory}: result.nc is not that of a run: it {fault}")
-    for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
-        place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
-        found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
-        if found != {m.id: len(m.position) for m in members}:
-            raise InputError(
-                f"{directory}: result.nc and scenario.yaml do not match: their {kind}s differ; run the scenario again"
-            )
