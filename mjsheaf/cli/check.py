@@ -77,10 +77,8 @@ def check(
     figures = _figures_of(plot, formats, title)
 
     with progress_bars("loading", lines=None):
-        from mjsheaf.checking import examine_scenario
+        from mjsheaf.checking import examine_scenario, problems, report
         from mjsheaf.checking.check import try_out, untried
-        from mjsheaf.checking.problems import reasons_of
-        from mjsheaf.checking.report import screen
         from mjsheaf.scenario import load_scenario
 
         loaded = load_scenario(scenario, changes_of(overrides))
@@ -91,22 +89,20 @@ def check(
     if not trial:
         record = untried(record)
     else:
-        above = [] if as_json or full else [*screen(record, pending=True), ""]
+        above = [] if as_json or full else [*report.screen(record, pending=True), ""]
         with progress_bars("trying the mission", lines=None if as_json else "stderr", above=above) as bar:
             record = try_out(record, loaded, partial(bar, "trying the mission"))
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     elif full:
-        from mjsheaf.checking.report import PAGE_WIDTH, report
-
-        make_console(PAGE_WIDTH).print(report(record))
+        make_console(report.PAGE_WIDTH).print(report.report(record))
     else:
-        print_lines(*screen(record, scenario))
+        print_lines(*report.screen(record, scenario))
     drawn = [] if plot is None else _draw(replace(examination, record=record), figures, plot)
     if not as_json:
         print_lines(*drawn)
     if not record.ok:
-        raise NotHeldError(f"{scenario}: {'; '.join(reasons_of(record))}")
+        raise NotHeldError(f"{scenario}: {'; '.join(problems.reasons_of(record))}")
 
 
 def _figures_of(plot: Path | None, formats: str | None, title: bool) -> "FigureOptions":

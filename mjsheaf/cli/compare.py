@@ -31,7 +31,6 @@ from mjsheaf.errors import UnstableError, in_field
 
 if TYPE_CHECKING:
     from mjsheaf.comparing.compare import Published
-    from mjsheaf.runs.overlay import RunsRecord
 
 _WIDTH = 120  # least on a terminal, as numbers must not be cut; that of report.txt
 _FILES = {
@@ -122,18 +121,13 @@ def compare_runs(
     the other runs translucent. Writes runs.json, runs.csv, errors.png and report.html to a directory (default
     runs/SCENARIO-runs).
     """
+    from rich.text import Text
+
     figures = figure_options(formats, title)
     with progress_bars() as bars:
         from mjsheaf.runs.overlay import publish_runs
 
         record, place, replaced = publish_runs(directories, out, figures, bars)
-    _print_record(record)
-    print_lines(*([replaced] if replaced else []), *(f"  {path}" for path in sorted(place.iterdir())))
-
-
-def _print_record(record: "RunsRecord") -> None:
-    from rich.text import Text
-
     numbers = ["tracking", "at the end", "formation", "at the end ", "distance"]
     headings = ["run", "backend", "law", *numbers]
     title = (
@@ -158,6 +152,7 @@ def _print_record(record: "RunsRecord") -> None:
         table.add_row(*map(Text, cells))
     make_console(_WIDTH).print(table)
     print_lines(*(f"note: {note}" for note in record.notes))
+    print_lines(*filter(None, [replaced]), *(f"  {path}" for path in sorted(place.iterdir())))
 
 
 def _shown(value: float | None, difference: float | None = None) -> str:
