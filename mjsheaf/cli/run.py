@@ -492,9 +492,8 @@ def expect(
 
         loaded = load_scenario(scenario)
         path = find_scenario(scenario)
-        data = b""
+        data = path.read_bytes()
         if update:
-            data = path.read_bytes()
             require_writable(path)
         order = expecting.BACKEND_ORDER
         wanted = sorted(map(str, set(backend or order)), key=order.index)
@@ -510,8 +509,9 @@ def expect(
             before["controller"] = name_law_from(law, path.parent)
         for name in [name for name in wanted if name in known]:
             with in_field(scenario):
-                progress = partial(bars, f"simulating ({name})")
-                trials.append(expecting.try_scenario(loaded, name, law=law, progress=progress))
+                trials.append(
+                    expecting.try_scenario(loaded, name, law=law, progress=partial(bars, f"simulating ({name})"))
+                )
             print_lines(expecting.describe(trials[-1], loaded.name, scenario))
     if not update:
         misses = [f"{miss} on {trial.backend}" for trial in trials for miss in expecting.missed(trial.checks)]

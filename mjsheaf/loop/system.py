@@ -1,6 +1,6 @@
 """The closed-loop system that both backends turn into trajectories: team, law, flow, motions and disturbances."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -89,6 +89,7 @@ class PhysicsOptions:
         surface_height: Height of the surface, m.
         engine: Engine that moves the bodies: 'mujoco' or 'fused'; see `mjsheaf.loop.fused`.
         threads: Maximum number of threads of the fused engine.
+        stopping_times: Function that computes how long vehicles take to stop, as `mjsheaf.loop.linear.stopping_times`.
         compiled: Vehicles as their files describe them by (name,), and as they are simulated by (name, time constant,
             effects); made on first use and shared by all copies and seeds.
     """
@@ -101,6 +102,7 @@ class PhysicsOptions:
     contacts: bool
     surface: str
     surface_height: float
+    stopping_times: Callable[..., list[float]]
     engine: str = "mujoco"
     threads: int = 1
     compiled: dict[tuple[Any, ...], Vehicle] = field(default_factory=dict, repr=False)
@@ -388,11 +390,9 @@ class System:
         from where its commands alone would have moved it, by `mjsheaf.loop.linear.stopping_time`. A vehicle
         without thrusters or without a linear model counts with tau.
         """
-        from mjsheaf.loop.linear import stopping_times  # here, because it imports MuJoCo
-
         steps = max(1, round(_STOP / self.timestep)) if self.grid.continuous else self.steps_per_sample
         kinds = {id(vehicle): vehicle for vehicle in self.vehicles}
-        times = stopping_times(list(kinds.values()), self.control, self.timestep, steps)
+        times = self.bodies.stopping_times(list(kinds.values()), self.control, self.timestep, steps)
         by_kind = dict(zip(kinds, times, strict=True))
         return np.array([by_kind[id(vehicle)] for vehicle in self.vehicles])
 

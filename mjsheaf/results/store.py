@@ -252,12 +252,16 @@ def at_rows(dataset: xr.Dataset, rows: IntArray) -> xr.Dataset:
 
 
 _FIGURES = ("errors", "trajectories", "configurations", "budget", "convergence")
-_PLOTS = ("errors.png", "trajectories.png", "configurations.png")
-FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html")
+FILES = (
+    *("result.nc", "summary.json", "scenario.yaml", "video.mp4", "report.html"),
+    *("errors.png", "trajectories.png", "configurations.png"),
+)
 """Names of files in the directory of a run; plots may have other formats."""
 
-_COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
-COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4", "report.html")
+COMPARISON_FILES = (
+    *("compare.json", "scenario.yaml", "report.txt", "compare.mp4", "report.html"),
+    *("errors.png", "budget.png", "convergence.png"),
+)
 """Names of files in the directory of a comparison; plots may have other formats."""
 
 RUNS_FILES = ("runs.json", "runs.csv", "errors.png", "report.html")

@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from mjsheaf.arguments import require_path, require_type
+from mjsheaf.arguments import require_type
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import too_close_in
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
@@ -382,7 +382,7 @@ def save(
         PlaceError: The directory may not be replaced or cannot be written.
     """
     require_type("result", result, xr.Dataset, "a Dataset, as mjsheaf.simulate returns it")
-    require_path("directory", directory)
+    require_type("directory", directory, (str, Path), "a path, as text or a Path")
     require_type("formats", formats, (list, tuple), "a list of formats, such as ['png', 'pdf']")
     scenario = scenario_of(result, "save")
     options = video_options(scenario) if video else None

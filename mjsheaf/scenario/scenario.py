@@ -22,7 +22,7 @@ from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, in_field, shortened, visible
 from mjsheaf.law.custom import CustomTerm, pack_custom
 from mjsheaf.law.edges import bound_slopes, pack_links
-from mjsheaf.law.law import LawArrays, Station, pack_law, with_seed
+from mjsheaf.law.law import ControlArrays, LawArrays, Station, pack_law, with_seed
 from mjsheaf.law.paths import Fixed, Motion, pack_motions
 from mjsheaf.law.safety import Safety
 from mjsheaf.law.terms import Terms, pack_rounds, pack_terms
@@ -509,6 +509,13 @@ class Ideal(Section):
     atol: Annotated[float, Field(gt=0, le=1)] = Field(1e-12, description="absolute tolerance of the integrator [m]")
 
 
+def _stopping_times(vehicles: Sequence[Vehicle], control: ControlArrays, timestep: float, steps: int) -> list[float]:
+    """Compute the stopping time of each vehicle, s; see `mjsheaf.loop.linear`, which imports MuJoCo."""
+    from mjsheaf.loop.linear import stopping_times
+
+    return stopping_times(vehicles, control, timestep, steps)
+
+
 Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
 """How many times larger than life something is drawn."""
 
@@ -855,6 +862,7 @@ class Scenario(Section):
                 contacts=self.physics.contacts,
                 surface=self.scene.surface,
                 surface_height=self.scene.height,
+                stopping_times=_stopping_times,
                 compiled=self._compiled,
             ),
         )
