@@ -114,10 +114,7 @@ def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]
     """Return the fields of a scenario that a swarm makes, about a centre in m."""
     # Where an agent begins depends on its number alone: not on how many there are, nor on what the graph draws.
     rng = np.random.default_rng([seed, _SCATTER])
-    number = np.arange(swarm.size)
-    angle = _GOLDEN_ANGLE * number
-    radius = swarm.spacing * np.sqrt((number + 0.5) / np.pi)  # neighbours of a sunflower are about this spacing apart
-    places = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    places = _sunflower(swarm.size, swarm.spacing)
     edges = _GRAPHS[swarm.graph](places, swarm, np.random.default_rng([seed, _SCATTER, 1]))
     axes = 2 if swarm.altitude is None else 3
     altitude = swarm.altitude or 0.0
@@ -150,6 +147,14 @@ def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]
             }
         ],
     }
+
+
+def _sunflower(size: int, spacing: float) -> Array:
+    """Return places in the plane about the origin, shape (size, 2), m; neighbours are about `spacing` apart."""
+    number = np.arange(size)
+    angle = _GOLDEN_ANGLE * number
+    radius = spacing * np.sqrt((number + 0.5) / np.pi)
+    return np.asarray(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 def _nearest(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
