@@ -427,12 +427,12 @@ def compare_runs(
         record, place, replaced = publish_runs(directories, out, figures, bars)
     numbers = ["tracking", "at the end", "formation", "at the end ", "distance"]
     headings = ["run", "backend", "law", *numbers]
-    title = (
+    above = (
         f"errors in m: RMS over agents (formation: over edges) and the second half of {record.start_s:g} to "
         f"{record.end_s:g} s, and at the end\nin brackets the difference from the first run; distance: of agents from "
         "the first run's"
     )
-    table = make_table(*headings, numbers=numbers, fixed=["backend", *numbers], title=title)
+    table = make_table(*headings, numbers=numbers, fixed=["backend", *numbers], title=above)
     for column in table.columns[:3]:
         column.overflow = "fold"
     for run in record.runs:

@@ -54,8 +54,8 @@ class Samples:
         self.log: Log = self.trajectory.log
         self.team = self.system.team
         self.agents = len(self.team.agents)
-        self.linked = self.delivery.edges
-        self.positions = self.log.positions
+        self.linked: list[Key] = self.delivery.edges
+        self.positions: Array = self.log.positions
 
     @property
     def on_bodies(self) -> bool:

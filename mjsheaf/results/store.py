@@ -34,13 +34,10 @@ if TYPE_CHECKING:
 
 
 class Sink(Protocol):
-    """Interface for receiving a run; a subclass has to implement `write`."""
+    """Interface for receiving a run."""
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Start; called once before the first chunk, with its variables and coordinates by name and its attributes.
-
-        Chunks contain all of these, so a sink need not do anything here.
-        """
+        """Start; called once before the first chunk, with its variables and coordinates by name and its attributes."""
 
     def write(self, chunk: xr.Dataset) -> None:
         """Receive the next samples; the attributes of the last chunk are those of the whole run."""
@@ -49,7 +46,7 @@ class Sink(Protocol):
         """Finish; also called if a run ends with an exception, or before it has started."""
 
 
-class Memory(Sink):
+class Memory:
     """Sink that keeps a run in memory.
 
     Attributes:
@@ -62,6 +59,9 @@ class Memory(Sink):
         self._left = limit
         self._chunks: list[xr.Dataset] = []
 
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Do nothing, because chunks contain everything."""
+
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk."""
         self._left -= chunk.nbytes
@@ -69,6 +69,9 @@ class Memory(Sink):
         if self._left < 0.0:
             self.overflowed = True
             self._chunks.clear()
+
+    def close(self) -> None:
+        """Keep the chunks that were received."""
 
     @property
     def dataset(self) -> xr.Dataset:
@@ -134,7 +137,7 @@ def dataset_bytes(dataset: xr.Dataset) -> bytes:
     return file.getvalue()
 
 
-class NetCDF(Sink):
+class NetCDF:
     """Sink that writes netCDF-4 in a separate thread, so that no signal interrupts HDF5."""
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -163,6 +166,9 @@ class NetCDF(Sink):
                 os.pwrite(self._file.fileno(), bytes(size), begin)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._file.name)) from None
+
+    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
+        """Do nothing, because the first chunk includes the variables without time."""
 
     def write(self, chunk: xr.Dataset) -> None:
         """Append a chunk to the file."""

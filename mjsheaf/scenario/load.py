@@ -63,8 +63,9 @@ class LawFile:
                 if not hasattr(module, self.name):
                     public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
                     raise InputError(f"there is no {self.name!r} in it; {expected(self.name, public)}")
-                law = getattr(module, self.name)
-                return Controller(law() if inspect.isclass(law) else law, self.label, seed)
+                named = getattr(module, self.name)
+                law: Any = named() if inspect.isclass(named) else named
+                return Controller(law, self.label, seed)
         except KeyboardInterrupt:
             raise
         except BaseException as error:

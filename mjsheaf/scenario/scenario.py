@@ -706,7 +706,7 @@ class Scenario(Section):
         Raises:
             InputError: A name in `scene.vehicle_scales` is no vehicle's.
         """
-        ids = [vehicle.id for vehicle in (*self.agents, *self.targets)]
+        ids = [*(agent.id for agent in self.agents), *(target.id for target in self.targets)]
         kinds = self.vehicles.names(self.agents, self.targets)
         named = self.scene.vehicle_scales
         unknown = sorted(set(named) - {*ids, *kinds})
