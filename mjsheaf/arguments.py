@@ -1,7 +1,6 @@
 """Checks of the arguments of public functions: one line that names the argument and the values it accepts."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -114,12 +113,3 @@ def require_number(name: str, value: Any, *, positive: bool = False) -> None:
     number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if not number or not np.isfinite(value) or (positive and value <= 0):
         raise InputError(f"{name} is {_given(value)}; expected a {'positive' if positive else 'finite'} number")
-
-
-def require_path(name: str, value: Any) -> None:
-    """Refuse an argument that is no path.
-
-    Raises:
-        InputError: naming the argument.
-    """
-    require_type(name, value, (str, Path), "a path, as text or a Path")

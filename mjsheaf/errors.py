@@ -70,14 +70,17 @@ class PlaceError(InputError):
 
 
 @contextmanager
-def in_field(field: str) -> Iterator[None]:
-    """Put the name of a field before the message of an error, unless that is about the place of results."""
+def in_field(field: object, kind: "type[MjsheafError] | None" = None) -> Iterator[None]:
+    """Put the name of a field before the message of an error, unless that is about the place of results.
+
+    The error stays of the same class unless another is given.
+    """
     try:
         yield
     except PlaceError:
         raise
     except MjsheafError as error:
-        raise error.within(field) from None
+        raise error.within(field, kind) from None
 
 
 _MOST = 20
@@ -97,8 +100,7 @@ def shortened(text: str, most: int = 60) -> str:
 
 def visible(part: object, most: int = 60) -> str:
     """Return a text, key or name as one line of at most `most` characters, free of control sequences."""
-    line = " ".join(str(part).split())
-    return shortened(printable(line), most) or "''"
+    return shortened(printable(" ".join(str(part).split())), most) or "''"
 
 
 def listed(names: Collection[str]) -> str:

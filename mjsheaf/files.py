@@ -367,8 +367,7 @@ class _Loader(yaml.SafeLoader):
     def construct_integer(self, node: yaml.ScalarNode) -> int:
         """Read an integer of YAML 1.2; in YAML 1.1, a leading 0 would mean octal."""
         if len(node.value) > _LONGEST_INTEGER:
-            digits = len(node.value)
-            raise _fault(f"a number of {digits} digits; expected up to {_LONGEST_INTEGER}", node.start_mark)
+            raise _fault(f"a number of {len(node.value)} digits; expected up to {_LONGEST_INTEGER}", node.start_mark)
         return int(node.value, {"0o": 8, "0x": 16}.get(node.value[:2], 10))
 
 
@@ -464,7 +463,10 @@ def with_field(text: str, key: str, value: dict[str, Any], source: str, comment:
     with suppress(ScenarioError):
         if parse_yaml(edited, source) == {**old, key: value}:
             return edited
-    raise ScenarioError(f"{source}: {key}: cannot be written in its place; write {key}: {json.dumps(value)}")
+    raise ScenarioError(
+        f"{source}: {key}: cannot be written into a file of this form, such as JSON, which has no lines of its own for "
+        f"it; write {json.dumps({key: value})[1:-1]}"
+    )
 
 
 def _end(node: yaml.Node) -> int:

@@ -158,8 +158,8 @@ def displaying(view: View | None, what: str) -> Iterator[Report | None]:
             while not ended.wait(_INTERVAL):
                 update(*under_way(reported), time.monotonic() - begun)
 
-    context = contextvars.copy_context()  # the notebook cell is part of it
-    thread = Thread(target=context.run, args=(show,), daemon=True)
+    # The notebook cell is part of the context.
+    thread = Thread(target=contextvars.copy_context().run, args=(show,), daemon=True)
     thread.start()
     try:
         yield report

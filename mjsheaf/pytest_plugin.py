@@ -25,27 +25,22 @@ _RECORDS = ("summary.json", "compare.json", "runs.json", "study.json")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add --mjsheaf and the setting mjsheaf_tight."""
+    """Add --mjsheaf, --mjsheaf-controller, also named --controller, and the setting mjsheaf_tight."""
     group = parser.getgroup("mjsheaf")
     group.addoption("--mjsheaf", action="store_true", help="collect scenarios with an `expect:` block as tests")
-    _add_controller(group)
-    parser.addini(
-        "mjsheaf_tight",
-        "fail where a bound of an `expect:` block is more than this many times what was found, such as 1.1",
-        default="",
-    )
-
-
-def _add_controller(group: Any) -> None:
-    """Add --mjsheaf-controller, and --controller unless another plugin has it."""
     about: dict[str, Any] = {
         "metavar": "FILE.py:NAME",
         "dest": "mjsheaf_controller",
         "help": "run scenarios under this law in Python instead of the one that their `expect:` block names",
     }
     group.addoption("--mjsheaf-controller", **about)
-    with suppress(ValueError):
+    with suppress(ValueError):  # another plugin has it
         group.addoption("--controller", **about)
+    parser.addini(
+        "mjsheaf_tight",
+        "fail where a bound of an `expect:` block is more than this many times what was found, such as 1.1",
+        default="",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -143,7 +138,6 @@ class Expectation(pytest.Item):
         """Run the scenario on each backend; properties of the report take what was found."""
         from mjsheaf.errors import MjsheafError, in_field
         from mjsheaf.runs.expecting import expected_law, try_scenario
-        from mjsheaf.scenario.load import find_law
 
         if self.name == "expect" and not self.parent.named:
             pytest.skip(self._fault[0])
@@ -151,10 +145,9 @@ class Expectation(pytest.Item):
             raise MjsheafError(*self._fault)
         start = self.config.invocation_params.dir
         place = str(self.path.relative_to(start) if self.path.is_relative_to(start) else self.path)  # for a command
-        named = self.config.getoption("mjsheaf_controller")
         with in_field(place):
             scenario = self.parent.load()
-            law = expected_law(scenario, self.path.parent) if named is None else find_law(named)
+            law = expected_law(scenario, self.path.parent, self.config.getoption("mjsheaf_controller"))
         for backend in self._backends:
             with in_field(f"{place} on {backend}: cannot be simulated"), warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # a run says what matters of them
@@ -170,9 +163,8 @@ class Expectation(pytest.Item):
         """A missed expectation by its own message, anything else as pytest reports it."""
         from mjsheaf.errors import MjsheafError
 
-        if isinstance(excinfo.value, MjsheafError):
-            return str(excinfo.value)
-        return super().repr_failure(excinfo, style)
+        ours = isinstance(excinfo.value, MjsheafError)
+        return str(excinfo.value) if ours else super().repr_failure(excinfo, style)
 
 
 def _require_met(trial: "Trial", place: str, tight: str) -> None:

@@ -133,7 +133,7 @@ def validation_problems(error: ValidationError, model: type[BaseModel]) -> list[
     rivals: dict[tuple[int | str, ...], list[_Problem]] = {}
     for detail in error.errors(include_url=False):
         problem = _Problem.of(dict(detail), schema)
-        rivals.setdefault(problem.value, []).append(problem)
+        rivals.setdefault(problem.path if problem.union is None else problem.union, []).append(problem)
     problems = sorted(map(_foremost, rivals.values()), key=lambda p: p.kind != "extra_forbidden")
     lines: dict[str, None] = {}
     listed: set[str] = set()
@@ -163,7 +163,7 @@ class _Problem(NamedTuple):
     Attributes:
         kind: Pydantic's name of the error.
         path: Path of the field, written as in overrides.
-        value: Path of the value with several possible kinds if the error is about one of them; else `path`.
+        union: Path of the value with several possible kinds if the error is about one of them; else None.
         text: Problem and, unless `legal` has it, the expectation.
         legal: Names of valid fields, for an unknown field.
         close: Sentence about the closest of these.
@@ -171,7 +171,7 @@ class _Problem(NamedTuple):
 
     kind: str
     path: tuple[int | str, ...]
-    value: tuple[int | str, ...]
+    union: tuple[int | str, ...] | None
     text: str
     legal: str = ""
     close: str = ""
@@ -183,38 +183,26 @@ class _Problem(NamedTuple):
         if kind == "extra_forbidden":
             *above, name = detail["loc"]
             place = _follow(schema, above)
-            path = (*place.path, name)
             known = sorted({field for fields in place.fields(schema) for field in fields})
-            return cls(
-                kind,
-                path,
-                place.value_at(path),
-                "unknown field",
-                ", ".join(known) or "none",
-                suggestion(str(name), known),
-            )
+            legal = ", ".join(known) or "none"
+            return cls(kind, (*place.path, name), place.union, "unknown field", legal, suggestion(str(name), known))
         place = _follow(schema, detail["loc"])
-        tag = detail.get("ctx", {}).get("discriminator", "").strip("'")
-        tags = {value for fields in place.fields(schema) for value in _constants(fields.get(tag, {}))}
+        context = detail.get("ctx", {})
+        tag = context.get("discriminator", "").strip("'")
+        known = sorted({value for fields in place.fields(schema) for value in _constants(fields.get(tag, {}))})
+        tags = ", ".join(known)  # the kinds of a tagged union
+        text = " ".join(str(detail["msg"]).removeprefix("Value error, ").split())
+        complete = {
+            "value_error": text,
+            "missing": "missing; expected a value",
+            "union_tag_not_found": f"missing; expected {tags}",
+            "union_tag_invalid": f"unknown {shortened(repr(context.get('tag')))}; expected {tags}",
+        }
+        if kind in _EXPECTATIONS:
+            text = f"expected {_EXPECTATIONS[kind].format(**context)}"
+        text = complete.get(kind) or f"{text}, not {shortened(repr(detail['input']))}"
         path = (*place.path, tag) if tag else place.path
-        text = _describe(detail, ", ".join(sorted(tags)))
-        return cls(kind, path, place.value_at(path), text[:1].lower() + text[1:])
-
-
-def _describe(detail: dict[str, Any], tags: str) -> str:
-    """Describe an error about a known field, with the expectation; `tags` are the kinds of a tagged union."""
-    kind = detail["type"]
-    context = detail.get("ctx", {})
-    text = " ".join(str(detail["msg"]).removeprefix("Value error, ").split())
-    complete = {
-        "value_error": text,
-        "missing": "missing; expected a value",
-        "union_tag_not_found": f"missing; expected {tags}",
-        "union_tag_invalid": f"unknown {shortened(repr(context.get('tag')))}; expected {tags}",
-    }
-    if kind in _EXPECTATIONS:
-        text = f"expected {_EXPECTATIONS[kind].format(**context)}"
-    return complete.get(kind) or f"{text}, not {shortened(repr(detail['input']))}"
+        return cls(kind, path, place.union, text[:1].lower() + text[1:])
 
 
 _EXPECTATIONS = {
@@ -258,10 +246,6 @@ class _Place(NamedTuple):
     def fields(self, schema: dict[str, Any]) -> list[dict[str, Any]]:
         """List the fields that each kind of value may have here."""
         return [node.get("properties", {}) for node in _variants(self.nodes, schema)]
-
-    def value_at(self, path: tuple[int | str, ...]) -> tuple[int | str, ...]:
-        """Return the path of the value with several possible kinds, or the given path."""
-        return path if self.union is None else self.union
 
 
 def _follow(schema: dict[str, Any], location: Iterable[int | str]) -> _Place:

@@ -6,7 +6,6 @@ Oracles: the boxes of what matplotlib draws; simulated colour blindness (Machado
 
 import io
 from itertools import combinations
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -158,13 +157,13 @@ def test_what_is_no_format_is_refused(formats: tuple[str, ...]) -> None:
 def plots_of(name: str, overrides: dict[str, Any], options: FigureOptions = FigureOptions()) -> None:  # noqa: B008
     from mjsheaf import load_scenario, simulate
     from mjsheaf.results import thinned
-    from mjsheaf.runs.publish import _plot
+    from mjsheaf.runs.publish import _plots_of
 
     scenario = load_scenario(name, overrides)
     data = thinned(simulate(scenario, "ideal"))
     theorem = SimpleNamespace(applies=True, approximate=True, at=lambda time: np.full(len(time), 30.0))
     bounds: Any = [(theorem, SimpleNamespace(samples=None))]
-    _plot(scenario, scenario.phases, data, bounds, Path("."), options, lambda *_: None)
+    _plots_of(scenario, scenario.phases, data, bounds, options, lambda *_: None)
 
 
 SIZES = [1, 2, 13, 60, 500]

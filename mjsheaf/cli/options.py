@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from mjsheaf.errors import InputError, MjsheafError, printable
+from mjsheaf.live import PORT
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -266,10 +267,11 @@ Ros2Option = Annotated[
 LiveOption = Annotated[
     bool,
     typer.Option(
-        "--live", help="Show the run in Foxglove while it goes on, at ws://127.0.0.1:8765. Needs the extras mcap, live."
+        "--live",
+        help=f"Show the run in Foxglove while it goes on, at ws://127.0.0.1:{PORT}. Needs the extras mcap, live.",
     ),
 ]
-FOXGLOVE = "live in Foxglove: open a connection to ws://127.0.0.1:8765"
+FOXGLOVE = f"live in Foxglove: open a connection to ws://127.0.0.1:{PORT}"
 TitleOption = Annotated[bool, typer.Option("--title/--no-title", help="Give the plots a title.")]
 
 

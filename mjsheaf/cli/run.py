@@ -1,4 +1,7 @@
-"""`mjsheaf run`, `expect`, `sweep`, and the commands that draw a finished run again: `video`, `plot`, `report`."""
+"""Commands that run scenarios, `run`, `compare`, `expect` and `sweep`, or show finished runs.
+
+The latter are `compare-runs`, `video`, `plot` and `report`.
+"""
 
 import os
 from collections import Counter
@@ -46,8 +49,9 @@ from mjsheaf.cli.options import (
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field, printable, shortened
 
 if TYPE_CHECKING:
+    from mjsheaf.comparing.compare import Published
+    from mjsheaf.progress import Report
     from mjsheaf.runs.publish import Outcome
-    from mjsheaf.runs.simulate import Progress
     from mjsheaf.scenario import Scenario
     from mjsheaf.studies.study import Study
     from mjsheaf.video.film import VideoOptions
@@ -59,11 +63,17 @@ _NORMS = {
     "centering_error": "largest group",
 }
 _FILES = {"report.html": "replay, for any browser", "video.mp4": "video"}
+_WIDTH = 120  # least on a terminal, as numbers must not be cut; that of report.txt
+_COMPARED_FILES = {
+    "report.html": "replay of both runs, for any browser",
+    "report.txt": "the whole report, which --full prints",
+    "compare.json": "every number",
+}
 _MAX_NOTES = 4  # lines
 _MAX_ROWS = 5  # of the table
 
 
-def announcing(scenario: "Scenario", backend: str, progress: "Progress", *more: str) -> "Progress":
+def announcing(scenario: "Scenario", backend: str, progress: "Report", *more: str) -> "Report":
     """Return `progress` that prints what runs before its first report: a run that is refused prints nothing."""
     announced = False
 
@@ -255,24 +265,21 @@ def run(
     code 1).
     """
     with progress_bars() as bars:
-        from mjsheaf.runs.expecting import expected_law, missed
-        from mjsheaf.runs.publish import execute
-        from mjsheaf.scenario.load import find_scenario, load_controller
+        from mjsheaf.runs import expecting, publish
+        from mjsheaf.scenario.load import find_scenario
         from mjsheaf.video.film import video_options
 
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
         if expect and getattr(loaded.expect, backend) is None and loaded.expect.refused is None:
             raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
-        law = None
-        if controller is not None:
-            law = load_controller(controller, loaded.seed)
-        elif expect:
-            named = expected_law(loaded, find_scenario(scenario).parent)
-            law = named.load(loaded.seed) if named else None
+        named = None
+        if expect or controller is not None:
+            named = expecting.expected_law(loaded, find_scenario(scenario).parent, controller)
+        law = named.load(loaded.seed) if named else None
         options = video_options(loaded, quality=quality) if video else None
         with _as_expected(scenario, loaded.expect.refused if expect else None):
-            outcome = execute(
+            outcome = publish.execute(
                 loaded,
                 str(backend),
                 directory,
@@ -292,7 +299,7 @@ def run(
     if outcome.summary["status"] == "unstable":
         raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {directory}")
     if expect:
-        misses = missed(outcome.summary["expect"]["checks"])
+        misses = expecting.missed(outcome.summary["expect"]["checks"])
         if misses:
             raise NotHeldError(f"{scenario}: {', '.join(misses)}")
         parts = (outcome.summary, *outcome.summary["phases"])
@@ -330,6 +337,127 @@ def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions
     return outcome
 
 
+def compare(
+    scenario: ScenarioArgument,
+    overrides: SetOption = None,
+    seed: SeedOption = None,
+    out: OutOption = None,
+    video: VideoOption = True,
+    formats: FormatOption = "png",
+    title: TitleOption = True,
+    engine: EngineOption = Engine.MUJOCO,
+    threads: ThreadsOption = None,
+    controller: ControllerOption = None,
+    quality: Annotated[
+        Literal["good", "draft"], typer.Option(help="Quality of the video; a draft takes a fraction of the time.")
+    ] = "draft",
+    full: Annotated[bool, typer.Option("--full", help="Print the whole report instead of one screen.")] = False,
+) -> None:
+    """Compare ideal kinematics with bodies: the error due to each effect, and what to change.
+
+    Simulates a series of variants from ideal kinematics to the scenario's bodies, adding one effect at a time. In a
+    scenario with events every variant runs the same phases, and each phase has its own error budget. Writes
+    compare.json, report.txt, errors.png, budget.png, convergence.png, scenario.yaml and then compare.mp4 (ideal left,
+    bodies right) to a directory (default runs/NAME-compare).
+    """
+    with progress_bars() as bars:
+        from mjsheaf.comparing.compare import publish
+        from mjsheaf.comparing.page import report, summary
+        from mjsheaf.scenario.load import find_law
+
+        figures = figure_options(formats, title)
+        loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
+        law = None if controller is None else find_law(controller)
+        with in_field(scenario):
+            published = publish(
+                loaded,
+                directory,
+                engine=str(engine),
+                threads=threads,
+                law=law,
+                origin=origin,
+                figures=figures,
+                progress=bars,
+            )
+    record = published.comparison.record
+    if full:
+        make_console(_WIDTH).print(report(record))
+    else:
+        print_lines(*summary(record))
+    print_lines(*filter(None, [published.replaced]), *describe_files(directory, _COMPARED_FILES))
+    if video:
+        _draw_comparison(published, quality)
+    for rung in map(record.rung, ("ideal", "all")):
+        if rung.status != "finished":
+            raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")
+
+
+def _draw_comparison(published: "Published", quality: str) -> None:
+    """Draw the video of a published comparison and print its path, or why there is none."""
+    from mjsheaf.comparing.compare import add_video
+
+    directory = published.directory
+    print_lines(f"drawing the video; all other files are written: open {directory / 'report.html'} in any browser")
+    with progress_bars() as bars, saying_what_is_kept(lambda: f"{directory} is complete except for its video"):
+        reason = add_video(published, quality, bars)
+    if reason:
+        print_note(reason)
+    else:
+        print_lines(f"  {directory / 'compare.mp4'}")
+
+
+def compare_runs(
+    directories: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Directories of 2 to 8 finished runs.")],
+    out: OutOption = None,
+    formats: FormatOption = "png",
+    title: TitleOption = True,
+) -> None:
+    """Compare finished runs with the first of them, without simulating.
+
+    Plots their errors on one axis, prints a table of errors and differences, and writes a page that draws the agents of
+    the other runs translucent. Writes runs.json, runs.csv, errors.png and report.html to a directory (default
+    runs/SCENARIO-runs).
+    """
+    from rich.text import Text
+
+    figures = figure_options(formats, title)
+    with progress_bars() as bars:
+        from mjsheaf.runs.overlay import publish_runs
+
+        record, place, replaced = publish_runs(directories, out, figures, bars)
+    numbers = ["tracking", "at the end", "formation", "at the end ", "distance"]
+    headings = ["run", "backend", "law", *numbers]
+    above = (
+        f"errors in m: RMS over agents (formation: over edges) and the second half of {record.start_s:g} to "
+        f"{record.end_s:g} s, and at the end\nin brackets the difference from the first run; distance: of agents from "
+        "the first run's"
+    )
+    table = make_table(*headings, numbers=numbers, fixed=["backend", *numbers], title=above)
+    for column in table.columns[:3]:
+        column.overflow = "fold"
+    for run in record.runs:
+        cells = [
+            run.name,
+            run.backend if run.engine in (None, "mujoco") else f"{run.backend}, {run.engine}",
+            run.law if run.gain is None else f"gain {run.gain:g} 1/s",
+            _shown(run.late.tracking_error, run.late_difference.tracking_error),
+            _shown(run.final.tracking_error, run.final_difference.tracking_error),
+            _shown(run.late.formation_error, run.late_difference.formation_error),
+            _shown(run.final.formation_error, run.final_difference.formation_error),
+            _shown(run.distance_m),
+        ]
+        table.add_row(*map(Text, cells))
+    make_console(_WIDTH).print(table)
+    print_lines(*(f"note: {note}" for note in record.notes))
+    print_lines(*filter(None, [replaced]), *(f"  {path}" for path in sorted(place.iterdir())))
+
+
+def _shown(value: float | None, difference: float | None = None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.3g}" + (f" ({difference:+.2g})" if difference else "")
+
+
 def expect(
     scenario: ScenarioArgument,
     update: Annotated[
@@ -358,15 +486,14 @@ def expect(
     diverges, it writes nothing (exit code 3).
     """
     with progress_bars() as bars:
-        from mjsheaf.files import require_writable
+        from mjsheaf.files import replace_file, require_writable, with_field
         from mjsheaf.runs import expecting
-        from mjsheaf.scenario.load import find_law, find_scenario, load_scenario, name_law_from
+        from mjsheaf.scenario.load import find_scenario, load_scenario, name_law_from
 
         loaded = load_scenario(scenario)
         path = find_scenario(scenario)
-        data = b""
+        data = path.read_bytes()
         if update:
-            data = path.read_bytes()
             require_writable(path)
         order = expecting.BACKEND_ORDER
         wanted = sorted(map(str, set(backend or order)), key=order.index)
@@ -376,16 +503,15 @@ def expect(
             raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
         trials = []
         with in_field(scenario):
-            law = expecting.expected_law(loaded, path.parent) if controller is None else find_law(controller)
+            law = expecting.expected_law(loaded, path.parent, controller)
         before = loaded.expect.model_dump(exclude_none=True)
         if update and law is not None:
             before["controller"] = name_law_from(law, path.parent)
-        for name in wanted:
-            if name not in known:
-                continue
+        for name in [name for name in wanted if name in known]:
             with in_field(scenario):
-                progress = partial(bars, f"simulating ({name})")
-                trials.append(expecting.try_scenario(loaded, name, law=law, progress=progress))
+                trials.append(
+                    expecting.try_scenario(loaded, name, law=law, progress=partial(bars, f"simulating ({name})"))
+                )
             print_lines(expecting.describe(trials[-1], loaded.name, scenario))
     if not update:
         misses = [f"{miss} on {trial.backend}" for trial in trials for miss in expecting.missed(trial.checks)]
@@ -397,7 +523,9 @@ def expect(
             raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
     with in_field(scenario):
         block = expecting.expectation_from(trials, margin, before)
-    expecting.replace_expectation(path, data, scenario, block, margin)
+    comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
+    text = with_field(data.decode("utf-8"), "expect", block, scenario, comment)
+    replace_file(path, text.encode("utf-8"), expected=data)
     print_lines(f"wrote expect: of {path}")
 
 
@@ -454,8 +582,8 @@ def sweep(
     for name in ONE_THREAD:  # also for threads of this process, because numpy is not imported yet
         os.environ.setdefault(name, "1")
     with progress_bars() as bars:
-        from mjsheaf.studies import load_plan, run_study
-        from mjsheaf.studies.plan import parse_seeds
+        from mjsheaf.studies.plan import load_plan, parse_seeds
+        from mjsheaf.studies.study import run_study
         from mjsheaf.studies.workers import local_workers, workers_at
 
         if scheduler is not None and (workers is not None or threads):
@@ -554,20 +682,17 @@ def video(
     with progress_bars() as bars:
         from mjsheaf.results.store import reopen_run, save_summary
         from mjsheaf.runs.publish import video_entry
-        from mjsheaf.video import available_backend
-        from mjsheaf.video.draw import draw_video
-        from mjsheaf.video.film import film_of, video_options
+        from mjsheaf.video import available_backend, draw, film
 
         with reopen_run(directory) as (scenario, dataset, summary):
-            options = video_options(scenario, **changes)
+            options = film.video_options(scenario, **changes)
             own = directory / "video.mp4"
             path = own if out is None else out
-            require_file_name("--out", path, ".mp4")
-            require_outside_of_runs(path, own)
+            require_place(path, own, ".mp4")
             backend, reason = available_backend()
             if backend is None:
                 raise InputError(f"no video can be drawn here: {reason}")
-            frames = draw_video([film_of(scenario, dataset)], path, options, partial(bars, "drawing video"))
+            frames = draw.draw_video([film.film_of(scenario, dataset)], path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
         save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
     print_lines(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
@@ -584,8 +709,7 @@ def report(
         from mjsheaf.runs.publish import replay
 
         if out is not None:
-            require_file_name("--out", out, ".html")
-            require_outside_of_runs(out, directory / "report.html")
+            require_place(out, directory / "report.html", ".html")
         path = replay(directory).save(out or directory / "report.html")
     print_lines(path)
 
@@ -606,20 +730,22 @@ def plot(
         if out is not None:
             if out.exists() and not out.is_dir():
                 raise InputError(f"--out {out}: is not a directory")
-            require_outside_of_runs(out / "errors.png", directory / "errors.png")
+            require_place(out / "errors.png", directory / "errors.png")
         found = plot_again(directory, out or directory, figures, bars)
     for path in found:
         print_lines(path)
 
 
-def require_outside_of_runs(path: Path, own: Path) -> None:
-    """Refuse a file of --out in the directory of a run, unless it is the run's `own`.
+def require_place(path: Path, own: Path, *suffixes: str) -> None:
+    """Refuse a file of --out with another suffix, or in the directory of a run, unless it is the run's `own`.
 
     Raises:
-        InputError: The file lies in the directory of a run.
+        InputError: The file cannot be written, or lies in the directory of a run.
     """
     from mjsheaf.results.store import enclosing_run
 
+    if suffixes:
+        require_file_name("--out", path, *suffixes)
     run = enclosing_run(path)
     if run is not None and path.resolve() != own.resolve():
         raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")

@@ -33,7 +33,7 @@ from mjsheaf.cli.options import (
     require_file_name,
     saying_what_is_kept,
 )
-from mjsheaf.cli.run import require_outside_of_runs
+from mjsheaf.cli.run import require_place
 from mjsheaf.errors import InputError, in_field, shortened
 
 if TYPE_CHECKING:
@@ -59,8 +59,7 @@ def list_(
     if files:
         raise InputError(f"{files[0]}: only vehicles have files to list; expected --vehicles {files[0]}")
     from mjsheaf.files import list_studies, read_yaml
-    from mjsheaf.scenario import Scenario, list_scenarios
-    from mjsheaf.scenario.load import read_scenario
+    from mjsheaf.scenario import Scenario, list_scenarios, read_scenario
 
     numbers = ("agents", "targets", "seconds")
     table = make_table("name", *numbers, "what it shows", numbers=numbers, title="scenarios")
@@ -76,16 +75,15 @@ def list_(
 
 def _list_vehicles(files: list[str]) -> None:
     from mjsheaf.scenario.slips import slips_of_vehicle
-    from mjsheaf.vehicles.effects import authority_of, capability_of
-    from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+    from mjsheaf.vehicles import effects, loading
 
     numbers = ("mass\n(kg)", "size\n(m)", "thrust-\ners", "thrust\n(N)", "tau\n(s)", "forward\n(m/s)", "all-way\n(m/s)")
     headings = ("name", *numbers)
     table = make_table(*headings, numbers=numbers, fixed=headings, title="vehicles", box=None, padding=(0, 1))
     summaries, slips = make_table("name", "moves in", "pushes", "", box=None), []
-    for source in [*list_vehicles(), *files]:
-        vehicle = load_vehicle(source)
-        tau, can = vehicle.reduced_model().tau, capability_of(vehicle)
+    for source in [*loading.list_vehicles(), *files]:
+        vehicle = loading.load_vehicle(source)
+        tau, can = vehicle.reduced_model().tau, effects.capability_of(vehicle)
         table.add_row(
             vehicle.name,
             f"{vehicle.mass:g}",
@@ -99,7 +97,7 @@ def _list_vehicles(files: list[str]) -> None:
         summaries.add_row(
             vehicle.name,
             "plane" if vehicle.dimension == 2 else "space",
-            authority_of(vehicle).describe().replace(", ", "\n"),
+            effects.authority_of(vehicle).describe().replace(", ", "\n"),
             vehicle.description.summary,
         )
         slips += [f"note: {slip}" for slip in slips_of_vehicle(vehicle)]
@@ -238,8 +236,7 @@ def schema_of(what: str) -> dict[str, Any]:
         "study": ("studies.plan", "StudyFile"),
         "vehicle": ("vehicles.vehicle", "VehicleDescription"),
     }[what]
-    found: dict[str, Any] = getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema()
-    return found
+    return dict(getattr(import_module(f"mjsheaf.{module}"), name).model_json_schema())
 
 
 def export(
@@ -269,11 +266,9 @@ def export(
         from mjsheaf.export import FORMATS, export_run
 
         if out is not None:
-            if mcap:
-                require_file_name("--out", out, ".mcap")
-            elif not out.parent.is_dir():
+            if not out.parent.is_dir():
                 raise InputError(f"--out {out}: there is no directory {out.parent}")
-            require_outside_of_runs(out, directory / FORMATS[formats[0]])
+            require_place(out, directory / FORMATS[formats[0]], *((".mcap",) if mcap else ()))
         paths = [export_run(directory, name, out) for name in formats]
     print_lines(*paths)
 

@@ -44,7 +44,7 @@ from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.results import metrics
 from mjsheaf.results.ending import Ending, settling_time
-from mjsheaf.runs.simulate import Progress, dataset_of, no_progress
+from mjsheaf.runs.simulate import Progress, datasets_of, no_progress
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
 from mjsheaf.vehicles.effects import Effects, has_effects
@@ -697,8 +697,9 @@ def _simulate(
             return source, asked
     backend = "physics" if setup.agents else "ideal"
     with engine_of(phases, backend, controller=law.load(seed) if law else None) as engine:
-        pieces = list(engine.record(phases[0].system.grid.steps + 1, targets))
-        dataset = dataset_of(pieces, phases, backend, seed, engine.controller)
+        samples = phases[0].system.grid.steps + 1
+        pieces = list(engine.record(samples, targets))
+        (dataset,) = datasets_of(pieces, phases, backend, seed, samples, engine.controller)
     if source is not None and source.attrs["status"] == "unstable" and dataset.attrs["status"] == "finished":
         dataset.attrs |= {
             "status": "unstable",

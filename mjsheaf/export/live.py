@@ -17,11 +17,10 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from mjsheaf.errors import InputError
 from mjsheaf.export import mcap
 from mjsheaf.export.log import Moment
+from mjsheaf.live import PORT
 from mjsheaf.loop.system import Phase
 from mjsheaf.scenario import Scenario
 
-PORT = 8765
-"""Port on 127.0.0.1, Foxglove's own."""
 _FRAME = 0.03  # least simulated time between messages, s
 _AGAIN = 1.0  # time after which vehicles are shown again to those who have come since, s
 

@@ -35,7 +35,10 @@ def read_positions(path: str, selection: Selection | None = None, **fields: Any)
     if (place / "metadata.yaml").is_file():
         read = read_bag
     try:
-        _require_regular(path)
+        mode = os.stat(path).st_mode  # also refuses an empty path, which Path takes for the working directory
+        inner = [entry.stat().st_mode for entry in os.scandir(path)] if stat.S_ISDIR(mode) else []
+        if not all(stat.S_ISREG(found) or stat.S_ISDIR(found) for found in (mode, *inner)):  # these block a reader
+            raise InputError("is a pipe or a device; expected a file, or the directory of a bag")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of libraries, about attributes that do not matter here
             rows = read(place, selection or Selection(**fields))
@@ -51,14 +54,6 @@ def read_positions(path: str, selection: Selection | None = None, **fields: Any)
     if len(rows) > MAX_ROWS:
         raise InputError(f"{name}: has {len(rows)} positions; expected at most {MAX_ROWS}, so leave some out")
     return rows
-
-
-def _require_regular(path: str) -> None:
-    """Refuse what would block a reader: a pipe or a device, also in the directory of a bag."""
-    mode = os.stat(path).st_mode  # also refuses an empty path, which Path takes for the working directory
-    inner = [entry.stat().st_mode for entry in os.scandir(path)] if stat.S_ISDIR(mode) else []
-    if not all(stat.S_ISREG(found) or stat.S_ISDIR(found) for found in (mode, *inner)):
-        raise InputError("is a pipe or a device; expected a file, or the directory of a bag")
 
 
 _READERS: dict[str, Callable[[Path, Selection], Rows]] = {

@@ -253,7 +253,14 @@ def plane_of(
         across, along = to_plane(lat, lon, (lat0, lon0))
         steps = np.abs(np.diff(across))
         if len(steps) > 2 and steps.max() > math.pi * EARTH * math.cos(math.radians(lat0)):
-            _require_all_round(x, lon, lon0)
+            # Longitudes end half a turn from the origin, and begin again: without a gap, which would have no flow.
+            turned = np.sort(lon % 360.0)
+            gaps = np.append(np.diff(turned), turned[0] + 360.0 - turned[-1])
+            if gaps.max() > 1.5 * np.sort(gaps)[-2]:
+                raise InputError(
+                    f"{x.name} extends further than half a turn from longitude {lon0:g}; expected an origin in its "
+                    "middle"
+                )
         plane = Plane(
             across,
             along,
@@ -289,20 +296,6 @@ def plane_of(
         if axis is None or axis.ndim == 0:
             raise InputError(f"has no {kind} along an axis; expected one in degrees")
     raise InputError("has no longitude and latitude; expected both in degrees")
-
-
-def _require_all_round(axis: "xr.DataArray", lon: Array, lon0: float) -> None:
-    """Refuse longitudes that end half a turn from the origin and begin again behind a gap, which has no flow.
-
-    Raises:
-        InputError: The gap is more than one and a half cells wide.
-    """
-    turned = np.sort(lon % 360.0)
-    steps = np.append(np.diff(turned), turned[0] + 360.0 - turned[-1])
-    if steps.max() > 1.5 * np.sort(steps)[-2]:
-        raise InputError(
-            f"{axis.name} extends further than half a turn from longitude {lon0:g}; expected an origin in its middle"
-        )
 
 
 def _find_places(part: "xr.DataArray", role: str, names: tuple[str, ...]) -> "list[xr.DataArray]":

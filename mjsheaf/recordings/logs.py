@@ -182,15 +182,14 @@ def _rows(messages: Iterator[Part], name: str, topic: str, selection: Selection)
     columns = dict(zip(names, places.T, strict=False))
     if "up" in columns and np.isnan(columns["up"]).any():  # no altitude
         del columns["up"]
-    seconds = (times - times[0]) / 1e9  # a product would miss the end of a run by rounding
-    return arrange(np.asarray(seconds), columns, selection, axes)
+    # A quotient, because a product would miss the end of a run by rounding.
+    return arrange(np.asarray((times - times[0]) / 1e9), columns, selection, axes)
 
 
 def _custom(parts: list[Part], name: str, selection: Selection) -> Kind:
     """Return where messages of a type that is not known have their position, if the scenario says that they do."""
     shown = name.rpartition(".")[2]
-    package = re.split("[/.]", name)[0]
-    if package in _CLOSED or not parts:
+    if re.split("[/.]", name)[0] in _CLOSED or not parts:
         raise InputError(f"topic: messages of type {shown} have no position of one vehicle; expected {_accepted()}")
     part, position = parts[0][1], ""
     while not all(hasattr(_member(part, position), axis) for axis in "xy"):

@@ -103,8 +103,7 @@ def arrange(seconds: Array, columns: dict[str, Array], selection: Selection, axe
     if not np.isfinite(rows).all():
         k = int((~np.isfinite(rows)).any(axis=1).argmax())
         raise InputError(f"position {k} is not a number")
-    found: Rows = rows.tolist()
-    return found
+    return list(rows.tolist())
 
 
 def _in_plane(columns: dict[str, Array], origin: list[float] | None) -> dict[str, Array]:
@@ -361,31 +360,27 @@ def read_netcdf(path: Path, selection: Selection) -> Rows:
         dataset = xr.decode_cf(raw, decode_times=False, decode_timedelta=False)
         if "agent_position" in dataset:
             selection.refuse("axes", "origin")
-            places = dict(zip("xyz", _of_a_vehicle(dataset, selection.topic).T, strict=False))
-            return arrange(_seconds_along(raw["time"]), places, selection)
+            known = {str(x): (kind, k) for kind in ("agent", "target") for k, x in enumerate(dataset[kind].values)}
+            if selection.topic not in known:
+                expected = ", ".join(known)
+                raise InputError(f"topic: {selection.topic!r} is no agent or target of this run; expected {expected}")
+            kind, k = known[selection.topic]
+            places = dataset[f"{kind}_position"].values[:, k]
+            places = places[:, ~np.isnan(places).all(axis=0)]  # without z of a planar one
+            return arrange(_seconds_along(raw["time"]), dict(zip("xyz", places.T, strict=False)), selection)
         found = {axis: raw[variable.name] for axis, variable in _find(dataset).items()}
         track = _of_trajectory(dataset, found, selection)
         seconds = _seconds_along(track["time"])
         columns = {name: _values(variable, name) for name, variable in track.items() if name != "time"}
     if "z" in columns and np.isnan(columns["z"]).all():
         del columns["z"]
-    known = np.isfinite(seconds) & np.all([np.isfinite(values) for values in columns.values()], axis=0)
-    if known.any():  # files have no values before a trajectory begins and after it ends
-        inner = slice(int(known.argmax()), len(known) - int(known[::-1].argmax()))
+    there = np.isfinite(seconds) & np.all([np.isfinite(values) for values in columns.values()], axis=0)
+    if there.any():  # files have no values before a trajectory begins and after it ends
+        inner = slice(int(there.argmax()), len(there) - int(there[::-1].argmax()))
         seconds, columns = seconds[inner], {name: values[inner] for name, values in columns.items()}
     if "since" in str(track["time"].attrs.get("units")):
         seconds = seconds - seconds[:1]
     return arrange(seconds, columns, selection)
-
-
-def _of_a_vehicle(dataset: "xr.Dataset", vehicle: str | None) -> Array:
-    """Return the positions of one agent or target of a run, shape (T, n), m."""
-    known = {str(x): (kind, k) for kind in ("agent", "target") for k, x in enumerate(dataset[kind].values)}
-    if vehicle not in known:
-        raise InputError(f"topic: {vehicle!r} is no agent or target of this run; expected {', '.join(known)}")
-    kind, k = known[vehicle]
-    places = dataset[f"{kind}_position"].values[:, k]
-    return np.asarray(places[:, ~np.isnan(places).all(axis=0)])
 
 
 def _find(dataset: "xr.Dataset") -> dict[str, "xr.DataArray"]:
@@ -480,8 +475,7 @@ def _seconds_along(time: "xr.DataArray") -> Array:
     """Return times in s; differences from the first where they have a date, so that no digit is lost."""
     if time.ndim != 1:
         raise InputError("expected a coordinate time")
-    units = str(time.attrs.get("units", "s"))
-    word, _, rest = units.strip().partition(" ")
+    word, _, rest = str(time.attrs.get("units", "s")).strip().partition(" ")
     with in_field("time"):
         scale = factor(word.lower(), "s")
         values = decoded(time).values

@@ -40,16 +40,12 @@ class Samples:
 
     Attributes:
         trajectory: Recorded samples.
-        linked: Edges of the run that have a link in some phase, in order.
-        sizes: Dimension of the values that each edge of the run compares.
-        delivered: Fraction of each linked edge's measurements that have arrived, shape (L,).
+        delivery: Edges of the run, and the fraction of their measurements that have arrived up to these samples.
         path: q* up to these samples.
     """
 
     trajectory: "Trajectory"
-    linked: list[Key]
-    sizes: dict[Key, int]
-    delivered: Array
+    delivery: "Delivery"
     path: Path = field(default_factory=Path)
     _known: dict[Any, NDArray[Any]] = field(default_factory=dict)
 
@@ -58,7 +54,8 @@ class Samples:
         self.log: Log = self.trajectory.log
         self.team = self.system.team
         self.agents = len(self.team.agents)
-        self.positions = self.log.positions
+        self.linked: list[Key] = self.delivery.edges
+        self.positions: Array = self.log.positions
 
     @property
     def on_bodies(self) -> bool:
@@ -94,7 +91,7 @@ class Samples:
     @cached_property
     def columns(self) -> dict[Key, int]:
         """Number of each edge of the run."""
-        return {key: e for e, key in enumerate(self.sizes)}
+        return {key: e for e, key in enumerate(self.delivery.sizes)}
 
     @cached_property
     def heard(self) -> NDArray[np.int8]:
@@ -109,7 +106,7 @@ class Samples:
     def measurements(self) -> Array:
         """Measurements of all edges as delivered, shape (T, m), m; NaN if none was received."""
         first = self.system.law.edges.first
-        begin = np.cumsum([0, *self.sizes.values()])
+        begin = np.cumsum([0, *self.delivery.sizes.values()])
         found = np.full((len(self.positions), begin[-1]), np.nan)
         for e, key in enumerate(self.own_edges):
             k = self.columns[key]
@@ -277,7 +274,7 @@ VARIABLES: list[Variable] = [
     Variable("arrival", ("time",), "1", "fraction of all edges that receive a new measurement",
              lambda s: s.arrival, **_LINKED),
     Variable("delivery", ("edge",), "1", "fraction of an edge's measurements that arrived until now",
-             lambda s: s.delivered, **_LINKED),
+             lambda s: s.delivery.share, **_LINKED),
     Variable("heard", ("time", "measuring_edge"), "1",
              "measurement of an edge: 0 none, 1 the last one held, 2 a new one", lambda s: s.heard, **_HEARD),
     Variable("measurement", ("time", "measured_number"), "m",
@@ -387,10 +384,10 @@ COORDINATES: list[Variable] = [
     Variable("edge", ("edge",), "", "edge that has a link", lambda s: [name for _, name in s.linked], **_LINKED),
     Variable("edge_kind", ("edge",), "", "communication or sensing", lambda s: [kind for kind, _ in s.linked],
              **_LINKED),
-    Variable("measuring_edge", ("measuring_edge",), "", "edge", lambda s: [" ".join(key) for key in s.sizes],
+    Variable("measuring_edge", ("measuring_edge",), "", "edge", lambda s: [" ".join(key) for key in s.delivery.sizes],
              **_HEARD),
     Variable("measured_number", ("measured_number",), "", "edge, and number in its stalk",
-             lambda s: [f"{kind} {name} {r}" for (kind, name), m in s.sizes.items() for r in range(m)], **_RECORD),
+             lambda s: [f"{' '.join(key)} {r}" for key, m in s.delivery.sizes.items() for r in range(m)], **_RECORD),
     Variable("formation", ("formation",), "", "formation group", lambda s: [f.name for f in s.team.formations],
              **_GROUPED),
     Variable("quaternion", ("quaternion",), "", "component of the unit quaternion",
@@ -430,23 +427,17 @@ def fault_of(dataset: xr.Dataset) -> str:
     expected |= {entry.present for entry in entries if entry.name in dataset.variables and names.count(entry.name) == 1}
     for entry in entries:
         if entry.name in dataset.variables:
-            fault = _fault_of_variable(dataset.variables[entry.name], entry)
-            if fault:
-                return fault
+            found = dataset.variables[entry.name]
+            if found.dims != entry.dimensions:
+                over = ", ".join(entry.dimensions)
+                return f"has {entry.name} over ({', '.join(map(str, found.dims))}) and not ({over})"
+            if entry.unit and found.dtype.kind not in "fiu":
+                return f"has {entry.name} of the type {found.dtype} and not of numbers"
         elif entry.present in expected:
             return f"has no {entry.name}"
     if not dataset.sizes["time"]:
         return "has no samples"
     return "has not three axes" if dataset.sizes["axis"] != 3 else ""
-
-
-def _fault_of_variable(found: xr.Variable, entry: Variable) -> str:
-    """Describe how a variable differs from its entry; empty if it does not."""
-    if found.dims != entry.dimensions:
-        expected = ", ".join(entry.dimensions)
-        return f"has {entry.name} over ({', '.join(map(str, found.dims))}) and not ({expected})"
-    wrong = entry.unit and found.dtype.kind not in "fiu"
-    return f"has {entry.name} of the type {found.dtype} and not of numbers" if wrong else ""
 
 
 Coordinate = tuple[str | tuple[str, ...], NDArray[Any], dict[str, Any]]
@@ -482,12 +473,12 @@ def make_datasets(
         if done in starts:
             path.last = path.held = path.solver = None
             path.moving = True
-        attributes = attributes or _attributes(piece.system, backend, seed) | _about_phases(phases)
+        attributes = attributes or _attributes(piece.system, backend, seed, phases)
         delivery = delivery or Delivery([phase.system for phase in phases] or [piece.system])
         delivery.add(piece)
         samples = np.arange(done, done + len(piece.time))
         done += len(piece.time)
-        read_from = Samples(piece, delivery.edges, delivery.sizes, delivery.share, path)
+        read_from = Samples(piece, delivery, path)
         dataset = gather(read_from, _number_phases(phases or [Phase(0, piece.system)], samples), only)
         traffic += len(piece.time) * np.array(astuple(traffic_of(piece.system.law.terms, piece.system.team)))
         dataset.attrs = attributes | {"status": piece.status, "message": piece.message}
@@ -531,8 +522,7 @@ def _number_phases(phases: Sequence[Phase], samples: IntArray) -> Coordinate:
     `flag_values` and `flag_meanings` follow CF: numbers, and words without blanks. `events` has the original words as a
     JSON list of lists.
     """
-    starts = [phase.start for phase in phases]
-    number = np.searchsorted(starts, samples, side="right") - 1
+    number = np.searchsorted([phase.start for phase in phases], samples, side="right") - 1
     meanings = [re.sub(r"[^\w.+@-]+", "_", phase.name).strip("_") for phase in phases]
     several = len(phases) > 1  # files return an array of one number as a number
     numbers = np.arange(len(phases), dtype=np.int32)
@@ -547,15 +537,6 @@ def _number_phases(phases: Sequence[Phase], samples: IntArray) -> Coordinate:
         "events": json.dumps([list(phase.events) for phase in phases]),
     }
     return "time", number.astype(np.int32), attributes
-
-
-def _about_phases(phases: Sequence[Phase]) -> dict[str, Any]:
-    """Return the attributes for a run with events: its phases, and the directions that are free in any of them."""
-    if not any(phase.events for phase in phases):
-        return {}
-    told = json.dumps([{"time": phase.time, "events": list(phase.events)} for phase in phases])
-    free = dict.fromkeys(words for phase in phases for words in phase.system.free_directions)
-    return {"phases": told, "free_directions": "; ".join(free)}
 
 
 def of_phase(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> tuple[System, xr.Dataset]:
@@ -648,9 +629,11 @@ def law_of(system: System) -> str:
     return f"paper's law with {' and '.join(terms)}" if terms else "paper's law"
 
 
-def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
-    """Return the attributes of result.nc except for the status."""
+def _attributes(system: System, backend: str, seed: int, phases: Sequence[Phase]) -> dict[str, Any]:
+    """Return the attributes of result.nc except for the status; directions are those that are free in any phase."""
     team = system.team
+    free = [words for one in [system, *(phase.system for phase in phases)] for words in one.free_directions]
+    events = [{"time": phase.time, "events": list(phase.events)} for phase in phases]
     return {
         "Conventions": "CF-1.11",
         "title": f"mjsheaf run of scenario {system.name}",
@@ -660,7 +643,7 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
         **({"engine": system.bodies.engine} if backend == "physics" and system.bodies.engine != "mujoco" else {}),
         "status": "",
         "message": "",
-        "free_directions": "; ".join(system.free_directions),
+        "free_directions": "; ".join(dict.fromkeys(free)),
         "seed": seed,
         "law": law_of(system),
         "gain": system.gain,
@@ -668,4 +651,5 @@ def _attributes(system: System, backend: str, seed: int) -> dict[str, Any]:
         "groups": json.dumps(
             {f.name: {"members": list(f.members), "about": f.about or ""} for f in team.formations}, sort_keys=True
         ),
+        **({"phases": json.dumps(events)} if any(phase.events for phase in phases) else {}),
     }

@@ -38,12 +38,6 @@ if TYPE_CHECKING:
 
 Ending = Literal["settled", "not settled", "diverging"]
 
-LEVEL = (
-    "A run has settled if the mean of its RMS tracking error over the last quarter differs from that over the quarter "
-    "before by at most 1e-9 m, or 1 % of the range that the error went through, or 5 % of both that range and the "
-    "mean, or by the effect of the unfinished periods of an oscillation, and if the team drives no oscillation itself."
-)
-
 ROUNDING = 1e-9
 """Largest errors, and oscillations of them, that count as rounding, m."""
 
@@ -80,21 +74,14 @@ def ending_of_motion(
 
 def is_undriven(system: System, q_star: Array, offsets: Array) -> bool:
     """Return True if nothing drives the motion of agents about q*, both shape (T, N, 3), m, over the last quarter."""
-    swing = swing_at_end(offsets)
-    return swing_at_end(q_star) <= _STILL_SHARE * swing and swing > _MAX_OF_NOISE * _noise_of(system)
-
-
-def _noise_of(system: System) -> float:
-    """Return the largest standard deviation of what links measure, m; infinity if something of no known size drives it.
-
-    Those are disturbances, what moves in the medium, and noise of angles and of odometry.
-    """
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
     driven = system.harmonics[..., :3].any() or system.moving or system.law.terms.noise > 0.0
-    if driven or angles or links["bearing_noise"].any():
-        return float("inf")
-    return float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
+    if driven or angles or links["bearing_noise"].any():  # by something of no known size
+        return False
+    noise = float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
+    swing = swing_at_end(offsets)
+    return swing_at_end(q_star) <= _STILL_SHARE * swing and swing > _MAX_OF_NOISE * noise
 
 
 def judge(error: Array, offsets: Array | None = None) -> Ending | None:
@@ -132,7 +119,10 @@ def _is_judgeable(error: Array) -> bool:
 
 
 def is_level(error: Array) -> bool:
-    """Return True if the mean error of the last quarter is that of the quarter before: see LEVEL. Shape (T,), m.
+    """Return True if the mean error of the last quarter is that of the quarter before. Shape (T,), m.
+
+    It differs from it by at most 1e-9 m, or 1 % of the range that the error went through, or 5 % of both that range and
+    the mean, or by the effect of the unfinished periods of an oscillation.
 
     An error that decays as exp(-r t) to nothing is level where r T is above 7.3; one that decays to a level once it
     changes little next to that level; one that oscillates about a level where a quarter holds a period of it or more.
@@ -272,8 +262,7 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
     system = phases[0].system
     blocks = _average(dataset)
     present = np.array([phase.system.team.present for phase in phases])
-    begin = [phase.time for phase in phases]
-    number = np.clip(np.searchsorted(begin, blocks.time, side="right") - 1, 0, None)
+    number = np.clip(np.searchsorted([phase.time for phase in phases], blocks.time, side="right") - 1, 0, None)
     still = blocks.still & present[number[:-1]] & present[number[1:]]
     held = -system.drift_in_wind(np.zeros((still.shape[1], 3)))  # what an agent at rest is commanded in wind
     for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command

@@ -230,8 +230,7 @@ def length_of_piece(dataset: xr.Dataset) -> int:
 
     Each read takes about 10 ms whatever its size, because h5netcdf looks up the length of `time` in every variable.
     """
-    variable = dataset["agent_position"]
-    chunks = variable.encoding.get("chunksizes")
+    chunks = dataset["agent_position"].encoding.get("chunksizes")
     together = int(chunks[0]) if chunks else max(1, min(2048, dataset.sizes["time"]))
     vehicles = dataset.sizes["agent"] + dataset.sizes.get("target", 0)
     return together * max(1, _POSITIONS_READ // (together * vehicles))
@@ -247,9 +246,7 @@ def thinned(dataset: xr.Dataset) -> xr.Dataset:
     samples = dataset.sizes["time"]
     most = max(_FEWEST_SAMPLES, min(_MOST_SAMPLES, _MOST_POSITIONS // dataset.sizes["agent"]))
     kept = thin(samples, most)
-    if len(kept) == samples:
-        return dataset.load()
-    return at_rows(dataset, kept)
+    return dataset.load() if len(kept) == samples else at_rows(dataset, kept)
 
 
 def at_rows(dataset: xr.Dataset, rows: IntArray) -> xr.Dataset:
@@ -261,12 +258,16 @@ def at_rows(dataset: xr.Dataset, rows: IntArray) -> xr.Dataset:
 
 
 _FIGURES = ("errors", "trajectories", "configurations", "budget", "convergence")
-_PLOTS = ("errors.png", "trajectories.png", "configurations.png")
-FILES = ("result.nc", "summary.json", "scenario.yaml", *_PLOTS, "video.mp4", "report.html")
+FILES = (
+    *("result.nc", "summary.json", "scenario.yaml", "video.mp4", "report.html"),
+    *("errors.png", "trajectories.png", "configurations.png"),
+)
 """Names of files in the directory of a run; plots may have other formats."""
 
-_COMPARISON_PLOTS = ("errors.png", "budget.png", "convergence.png")
-COMPARISON_FILES = ("compare.json", "scenario.yaml", "report.txt", *_COMPARISON_PLOTS, "compare.mp4", "report.html")
+COMPARISON_FILES = (
+    *("compare.json", "scenario.yaml", "report.txt", "compare.mp4", "report.html"),
+    *("errors.png", "budget.png", "convergence.png"),
+)
 """Names of files in the directory of a comparison; plots may have other formats."""
 
 RUNS_FILES = ("runs.json", "runs.csv", "errors.png", "report.html")
@@ -481,23 +482,15 @@ def reopen_run(directory: Path) -> Iterator[tuple["Scenario", xr.Dataset, dict[s
 
     with open_run(directory) as (dataset, summary):
         scenario = load_scenario(directory / "scenario.yaml")
-        _require_match(directory, scenario, dataset)
+        fault = fault_of(dataset)
+        if fault:
+            raise InputError(f"{directory}: result.nc is not that of a run: it {fault}")
+        for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
+            place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
+            found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
+            if found != {m.id: len(m.position) for m in members}:
+                raise InputError(
+                    f"{directory}: result.nc and scenario.yaml do not match: their {kind}s differ; run the scenario "
+                    "again"
+                )
         yield scenario, dataset, summary
-
-
-def _require_match(directory: Path, scenario: "Scenario", dataset: xr.Dataset) -> None:
-    """Refuse a run whose data do not match its scenario.
-
-    Raises:
-        InputError: The message names the directory and the difference.
-    """
-    fault = fault_of(dataset)
-    if fault:
-        raise InputError(f"{directory}: result.nc is not that of a run: it {fault}")
-    for kind, members in (("agent", scenario.agents), ("target", scenario.targets)):
-        place = dataset[f"{kind}_position"].isel(time=0).transpose(kind, "axis").notnull()
-        found = dict(zip(map(str, dataset[kind].values), place.sum("axis").values.tolist(), strict=True))
-        if found != {m.id: len(m.position) for m in members}:
-            raise InputError(
-                f"{directory}: result.nc and scenario.yaml do not match: their {kind}s differ; run the scenario again"
-            )

@@ -118,8 +118,7 @@ def notes_of_run(
     ]
     if dataset.attrs["backend"] == "physics" and not phases[0].system.bodies.contacts:
         found += _about_distances(phases[0].system, dataset)
-    kinds = get_args(Kind)
-    return sorted(found, key=lambda note: kinds.index(note.kind))
+    return sorted(found, key=lambda note: get_args(Kind).index(note.kind))
 
 
 def _about_the_end(dataset: xr.Dataset, ending: str | None) -> list[Note]:
@@ -169,9 +168,8 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
     ids = system.team.agent_ids
     by_law = not dataset.attrs.get("controller")
     N = len(ids)
-    own_speed = np.full(N, np.inf)  # of the vehicle in its slowest direction
-    if bodies:
-        own_speed = of_each(system.vehicles[:N], lambda vehicle: capability_of(vehicle).least_speed)
+    # Speed of the vehicle in its slowest direction.
+    own_speed = of_each(system.vehicles[:N], lambda v: capability_of(v).least_speed) if bodies else np.full(N, np.inf)
     present_in = np.array([phase.system.team.present for phase in phases])
     limit_in = np.array([phase.system.law.limit[:N] for phase in phases])
     present, saturated, limited, exceeded = np.zeros((4, N))  # numbers of samples
@@ -193,8 +191,6 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
         time = np.broadcast_to(chunk["time"].values[:, None], flow.shape)
         found = np.stack([values[row, np.arange(N)] for values in (ratio, flow, able, time)])
         worst = np.where(found[0] > worst[0], found, worst)
-    saturated[stuck] = 0.0
-    limited[stuck] = 0.0
     notes = []
     texts: dict[Kind, tuple[Array, str]] = {
         "saturated": (saturated, "thrusters of {} are at a limit for {:.0%} of the time"),
@@ -206,6 +202,7 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
     }
     for kind, (samples, text) in texts.items():
         fraction = samples / np.maximum(present, 1)
+        fraction[stuck] = 0.0
         v = int(fraction.argmax())
         count = int((fraction > MAX_LIMITED_FRACTION).sum())
         if count:

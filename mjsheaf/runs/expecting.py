@@ -3,14 +3,13 @@
 The pytest plugin and `mjsheaf expect` both use this.
 """
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from decimal import ROUND_CEILING, Context
 from pathlib import Path
 from typing import Any
 
 from mjsheaf.errors import InputError, NotUniqueError, RankError
-from mjsheaf.files import replace_file, with_field
 from mjsheaf.results.metrics import MEASURES, ROUNDING_ERROR, check_expectation, safety_of, summarize, summarize_phases
 from mjsheaf.runs.simulate import simulate
 from mjsheaf.scenario import Scenario
@@ -52,16 +51,19 @@ class Trial:
         return all(check["met"] for check in self.checks) if self.checks else None
 
 
-def expected_law(scenario: Scenario, directory: Path) -> LawFile | None:
+def expected_law(scenario: Scenario, directory: Path, controller: str | None = None) -> LawFile | None:
     """Find the law in Python that a scenario's bounds are for; None for its own law.
 
     Args:
         scenario: Scenario with the bounds.
         directory: Directory of its file, which must contain the law's file.
+        controller: Law, FILE.py:NAME from the working directory, that takes the place of that of the bounds.
 
     Raises:
         InputError: There is no such law.
     """
+    if controller is not None:
+        return find_law(controller)
     label = scenario.expect.controller
     return None if label is None else find_law(label, "expect.controller", directory)
 
@@ -88,8 +90,7 @@ def try_scenario(
         InputError: The scenario cannot be simulated for another reason, such as a vehicle that does not fit.
     """
     try:
-        controller = law.load(scenario.seed) if law else None
-        dataset = simulate(scenario, backend, controller=controller, progress=progress)
+        dataset = simulate(scenario, backend, controller=law.load(scenario.seed) if law else None, progress=progress)
     except (NotUniqueError, RankError) as error:
         # A refused team misses every bound because it has no errors.
         checks = check_expectation(scenario.expect, backend, "refused", dict.fromkeys(MEASURES))["checks"]
@@ -185,30 +186,9 @@ def expectation_from(trials: Sequence[Trial], margin: float, old: Mapping[str, A
     return {name: bound for name, bound in block.items() if bound or name in tried}
 
 
-def replace_expectation(path: Path, data: bytes, source: str, block: dict[str, Any], margin: float) -> None:
-    """Write an `expect:` block into a scenario's file, and keep the rest unchanged.
-
-    Args:
-        path: Path of the file.
-        data: Content of the file when the runs started.
-        source: Name of the file in errors.
-        block: Block from `expectation_from`.
-        margin: Margin of its bounds above the measured values.
-
-    Raises:
-        InputError: The file has changed since.
-    """
-    comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
-    text = with_field(data.decode("utf-8"), "expect", block, source, comment)
-    replace_file(path, text.encode("utf-8"), expected=data)
-
-
 def round_up(value: float) -> float:
     """Round a positive number up to three significant digits."""
-    exponent = math.floor(math.log10(value)) - 2
-    steps = math.ceil(float(f"{value / 10.0**exponent:.9g}"))  # 184.00000000000003 is 184
-    rounded = float(f"{steps}e{exponent}")
-    return rounded if rounded >= value else float(f"{steps + 1}e{exponent}")
+    return float(Context(prec=3, rounding=ROUND_CEILING).create_decimal(str(value)))
 
 
 def missed(checks: Iterable[Mapping[str, Any]]) -> list[str]:

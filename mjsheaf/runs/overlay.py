@@ -272,8 +272,7 @@ def _unlike(runs: Sequence[OpenRun], end: float) -> list[str]:
 
 def table_of(record: RunsRecord) -> pd.DataFrame:
     """Make a table with one row per run; columns of errors and differences are named by statistic and measure, m."""
-    parts = ("final", "late", "final_difference", "late_difference")
-    left_out = {part: {"norm"} for part in parts}
+    left_out = {part: {"norm"} for part in ("final", "late", "final_difference", "late_difference")}
     return pd.json_normalize([run.model_dump(exclude=left_out) for run in record.runs], sep="_")
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from mjsheaf.arguments import require_path, require_type
+from mjsheaf.arguments import require_type
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import too_close_in
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
@@ -38,18 +38,16 @@ from mjsheaf.progress import shown
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
-from mjsheaf.results.store import split, write_and_open
 from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
 from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.load import same_law
+from mjsheaf.scenario.load import map_vehicles, same_law
 from mjsheaf.scenario.slips import slips_of
-from mjsheaf.show.panels import figure_bytes, save_figure
+from mjsheaf.show.panels import figure_bytes
 from mjsheaf.show.plots import draw_configurations, draw_errors, draw_trajectories
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, FigureOptions
 from mjsheaf.vehicles.loading import files_of, read_description
-from mjsheaf.video import VideoOptions
-from mjsheaf.video.film import Film, film_of, video_options
+from mjsheaf.video.film import Film, VideoOptions, film_of, video_options
 
 _HEIGHT = 640  # px of a replay in a notebook
 
@@ -67,27 +65,27 @@ def write_scenario(scenario: Scenario, directory: Path) -> Path:
         InputError: A vehicle's files cannot be found, or lie outside its directory.
         OSError: The directory cannot be written.
     """
-    raw = scenario.model_dump(mode="json", exclude_none=True)
-    named = [(holder, "vehicle") for holder in [*raw["agents"], *raw["targets"]]]
-    named += [(raw.get("vehicles", {}), key) for key in ("agents", "targets")]
-    named = [(holder, key) for holder, key in named if Path(holder.get(key) or "").suffix in SUFFIXES]
-    named += [(section, "file") for section in raw["controller"].get("custom", {}).values() if "file" in section]
-    named += [(section, "path") for section in raw["flow"].values() if "path" in section]
     copies: dict[str, Path] = {}
-    for section, key in named:
-        source = Path(section[key])
-        if section[key] not in copies:
-            taken = {store.CHECKSUMS, *(copy.parts[1] for copy in copies.values())}
+
+    def copy(name: str) -> str:
+        """Copy a file, with those that a vehicle's description names, and return the path of the copy."""
+        source = Path(name)
+        if name not in copies:
+            taken = {store.CHECKSUMS, *(copied.parts[1] for copied in copies.values())}
             folder = next(f for f in chain([source.stem], (f"{source.stem}_{k}" for k in count(2))) if f not in taken)
-            home = copies[section[key]] = Path(store.VEHICLES, folder)
+            copies[name] = Path(store.VEHICLES, folder, source.name)
             files = files_of(source, read_description(source).mjcf) if source.suffix in SUFFIXES else []
             places = {file: file.relative_to(source.parent.resolve()) for file in files} | {source: source.name}
             for file, place in places.items():
-                (directory / home / place).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(file, directory / home / place)
-        section[key] = str(copies[section[key]] / source.name)
-        if section.get("sha256", "") not in ("", digest(directory / section[key])):
-            name = next(name for name, other in raw["flow"].items() if other is section)
+                copied = directory / copies[name].parent / place
+                copied.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, copied)
+        return str(copies[name])
+
+    raw = map_vehicles(scenario.model_dump(mode="json", exclude_none=True), copy)
+    for name, section in raw["flow"].items():
+        if section.get("sha256") and section["sha256"] != digest(directory / section["path"]):
+            source = getattr(scenario.flow, name).path
             raise InputError(f"flow.{name}.path: {source} has changed since the run read it; run again")
     if copies:
         store.write_checksums(directory / store.VEHICLES)
@@ -226,16 +224,17 @@ def publish(
     replaced = store.replaced_run(directory)
     with store.staging(directory) as fresh, ExitStack() as held:
         write_scenario(scenario, fresh)
-        pieces = split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
+        pieces = store.split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
         sinks = sinks_of(exports, fresh, scenario, phases)
         with timings.part("data"):
-            dataset = held.enter_context(write_and_open(pieces, fresh / "result.nc", *sinks))
+            dataset = held.enter_context(store.write_and_open(pieces, fresh / "result.nc", *sinks))
         seconds = timings.parts.get("simulation")
         timings.parts["data"] -= seconds or 0.0
         progress("comparing with theory", 0, 1)
         summary, bounds, drawn = account_of(scenario, phases, dataset, timings)
         with timings.part("plots"):
-            _plot(scenario, phases, drawn, bounds, fresh, figures, progress)
+            for name, data in _plots_of(scenario, phases, drawn, bounds, figures, progress).items():
+                (fresh / name).write_bytes(data)
         summary |= {"origin": origin, "wall_time_s": seconds, store.RESULT_DIGEST: digest(fresh / "result.nc")}
         summary["realtime_factor"] = float(drawn["time"][-1] - drawn["time"][0]) / seconds if seconds else None
         progress("writing the page", 0, 1)
@@ -383,16 +382,16 @@ def save(
         PlaceError: The directory may not be replaced or cannot be written.
     """
     require_type("result", result, xr.Dataset, "a Dataset, as mjsheaf.simulate returns it")
-    require_path("directory", directory)
+    require_type("directory", directory, (str, Path), "a path, as text or a Path")
     require_type("formats", formats, (list, tuple), "a list of formats, such as ['png', 'pdf']")
     scenario = scenario_of(result, "save")
     options = video_options(scenario) if video else None
     figures = FigureOptions(tuple(formats), title)
     with shown(progress, "saving") as bar:
-        reporting = bar or no_progress
         return publish(
-            result, scenario, scenario.phases, Path(directory), video=options, figures=figures, progress=reporting
-        )
+            result, scenario, scenario.phases, Path(directory), video=options, figures=figures,
+            progress=bar or no_progress,
+        )  # fmt: skip
 
 
 def scenario_of(result: xr.Dataset, doing: str) -> Scenario:
@@ -446,39 +445,34 @@ def plot_again(
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario; or a file cannot be written.
     """
-    drawn: dict[Path, bytes] = {}
     with store.reopen_run(directory) as (scenario, dataset, _):
-        phases = scenario.phases
-        plots = _figures_of(scenario, phases, thinned(dataset), bounds_of_phases(phases, dataset), figures)
-        for done, (name, draw) in enumerate(plots.items()):
-            progress("plotting", done, len(plots))
-            with MATPLOTLIB:
-                drawn |= {folder / f"{name}.{form}": data for form, data in figure_bytes(draw(), figures).items()}
-    progress("plotting", len(plots), len(plots))
+        bounds = bounds_of_phases(scenario.phases, dataset)
+        plots = _plots_of(scenario, scenario.phases, thinned(dataset), bounds, figures, progress)
     with naming(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for path, data in drawn.items():
-        with naming(path):
-            write_whole(path, data)
-    return sorted(drawn)
+    for name, data in plots.items():
+        with naming(folder / name):
+            write_whole(folder / name, data)
+    return sorted(folder / name for name in plots)
 
 
-def _plot(
+def _plots_of(
     scenario: Scenario,
     phases: Sequence[Phase],
     drawn: xr.Dataset,
     bounds: Sequence[tuple[RunBound, HeldBound]],
-    folder: Path,
     figures: FigureOptions,
     progress: Progress,
-) -> None:
-    """Write the plots of a run, thinned to the visible detail, into a folder."""
+) -> dict[str, bytes]:
+    """Draw the plots of a run, thinned to the visible detail; return the content of each file by its name."""
+    files: dict[str, bytes] = {}
     plots = _figures_of(scenario, phases, drawn, bounds, figures)
     for done, (name, draw) in enumerate(plots.items()):
         progress("plotting", done, len(plots))
         with MATPLOTLIB:
-            save_figure(draw(), folder / name, figures)
+            files |= {f"{name}.{form}": data for form, data in figure_bytes(draw(), figures).items()}
     progress("plotting", len(plots), len(plots))
+    return files
 
 
 def _figures_of(
@@ -491,11 +485,9 @@ def _figures_of(
     """Return a function that draws each figure of a run, by the figure's name."""
     first, last = phases[0].system, phases[-1].system
     bound = next(iter(bound_curves(phases, drawn, bounds).items()), None)
-    view = scenario.video.eye
-    obstacles = first.obstacles
     return {
         "errors": lambda: draw_errors(first.team, drawn, bound, options),
-        "trajectories": lambda: draw_trajectories(first.team, drawn, options, view, obstacles),
+        "trajectories": lambda: draw_trajectories(first.team, drawn, options, scenario.video.eye, first.obstacles),
         "configurations": lambda: draw_configurations(first.team, last.team, drawn, options),
     }
 

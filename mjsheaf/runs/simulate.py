@@ -11,7 +11,7 @@ from mjsheaf.arguments import require_scenario, require_whole
 from mjsheaf.errors import InputError, MjsheafError
 from mjsheaf.law.in_python import Controller, Law, controller_of
 from mjsheaf.loop.engine import Trajectory, samples_in_piece
-from mjsheaf.loop.session import Session, engine_of, require_engine
+from mjsheaf.loop.session import engine_of, prepare_run, require_engine
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.progress import shown
 from mjsheaf.results.dataset import in_pieces, make_datasets
@@ -66,12 +66,9 @@ def simulate(
     require_scenario(scenario)  # before a bar is shown
     with shown(progress, "simulating") as bar:
         report = partial(bar, "simulating") if bar else progress if callable(progress) else None
-        with Session(
-            scenario, backend, engine=engine, threads=threads, controller=controller, allow_drift=allow_drift
-        ) as session:
-            run = session.engine
-            pieces = run.record(run.system.grid.steps + 1, progress=report)
-            dataset = dataset_of(pieces, run.phases, backend, scenario.seed, run.controller)
+        phases = prepare_run(scenario, backend, engine, threads, allow_drift=allow_drift)
+        samples = phases[0].system.grid.steps + 1
+        (dataset,) = stream(phases, backend, scenario.seed, report, samples, controller)
     dataset.encoding["scenario"] = scenario  # for `mjsheaf.save`; files do not contain it
     return dataset
 
@@ -162,8 +159,7 @@ def stream(
         samples: Maximum number of samples in a piece; a few megabytes of them unless given.
         only: Names of the variables to collect; all unless given.
     """
-    called = controller_of(controller, phases_of(run)[0].system, seed)
-    with engine_of(run, backend, controller=called) as engine:
+    with engine_of(run, backend, controller=controller_of(controller, phases_of(run)[0].system, seed)) as engine:
         samples = samples or samples_in_piece(engine.system)
         pieces = engine.record(samples, progress=progress)
         yield from datasets_of(pieces, engine.phases, backend, seed, samples, engine.controller, only)
@@ -193,14 +189,3 @@ def datasets_of(
                 "numbers_sent": controller.traffic.numbers,
             }
         yield dataset
-
-
-def dataset_of(
-    pieces: Iterable[Trajectory],
-    phases: Sequence[Phase],
-    backend: str,
-    seed: int,
-    controller: Controller | None = None,
-) -> xr.Dataset:
-    """Collect a run in memory, with one piece for each phase that it reached; see `stream` for the arguments."""
-    return next(datasets_of(pieces, phases, backend, seed, phases[0].system.grid.steps + 1, controller))

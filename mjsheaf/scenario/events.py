@@ -20,9 +20,8 @@ from mjsheaf.errors import InputError, expected, in_field
 from mjsheaf.law.law import Station
 from mjsheaf.loop.system import Phase, System, TimeGrid
 from mjsheaf.section import Id, NonNegative, Section, split_path, validation_problems
-from mjsheaf.team import Edge, Formation, Team
-from mjsheaf.team.edges import Explicit, Group
-from mjsheaf.team.team import Ramp
+from mjsheaf.team.edges import Edge, Explicit, Formation, Group
+from mjsheaf.team.team import Ramp, Team
 
 _FIXED = ("controller.control_period", "controller.record_period")  # samples are those of the whole run
 _CHANGING = re.compile(
@@ -247,8 +246,16 @@ class Change(Event):
         for path in paths:
             with in_field("set"):
                 split_path(path)
-            with in_field(f"set.{path}"):
-                _require_changing(path, state.sections)
+            if path in _FIXED or not _CHANGING.fullmatch(path):
+                raise InputError(
+                    f"set.{path}: cannot change during a run; expected a field of controller but for its periods, of "
+                    "flow.agents, flow.targets, flow.air, flow.water, safety or formations.NAME, or noise, bias, loss, "
+                    "range or hold of links.all, links.communication or links.sensing"
+                )
+            if path.startswith("safety.") and "safety" not in state.sections:
+                raise InputError(
+                    f"set.{path}: the scenario has no section safety; expected one from the start of the run"
+                )
         before = dict(state.sections)
         for name, section in before.items():
             state.sections[name] = _changed(section, name, self.values())
@@ -285,7 +292,15 @@ class Change(Event):
                     raise InputError(f"{fixed[0]} cannot change during a run; expected fields of shape or place")
                 if name in state.moves and start < state.moves[name].end:
                     raise InputError("still changes from an earlier event; expected a later time")
-            state.formations[name] = _reshaped(before, fields)
+            # A shape replaces all that the shape before it had of its own, and one of side and radius the other.
+            kept = _PLACING if "shape" in fields else set(type(before).model_fields)
+            taken = {"side", "radius"} if {"side", "radius"} & fields.keys() else set()
+            raw = before.model_dump(mode="json", exclude_none=True, include=kept, exclude=taken)
+            try:
+                groups = Groups.model_validate({"formations": {name: raw | fields}})
+            except ValidationError as error:
+                raise InputError(*(f"set.{line}" for line in validation_problems(error, Groups))) from None
+            state.formations[name] = groups.formations[name]
             if end > start:
                 state.moves[name] = _Move(start, end, before, self.outcome)
 
@@ -310,18 +325,6 @@ class Change(Event):
     def outcome(self) -> str:
         """The new values in words."""
         return ", ".join(f"{path.partition('.')[2]} = {_in_words(value)}" for path, value in self.values())
-
-
-def _require_changing(path: str, sections: Mapping[str, Section]) -> None:
-    """Refuse a field that no event can change, or whose section is missing."""
-    if path in _FIXED or not _CHANGING.fullmatch(path):
-        raise InputError(
-            "cannot change during a run; expected a field of controller but for its periods, of flow.agents, "
-            "flow.targets, flow.air, flow.water, safety or formations.NAME, or noise, bias, loss, range or hold of "
-            "links.all, links.communication or links.sensing"
-        )
-    if path.startswith("safety.") and "safety" not in sections:
-        raise InputError("the scenario has no section safety; expected one from the start of the run")
 
 
 def _files_in(section: Any) -> Iterator[str]:
@@ -384,27 +387,10 @@ def _changed(section: Section, name: str, values: Iterable[tuple[str, Any]]) -> 
     try:
         return type(section).model_validate(raw)
     except ValidationError as error:
-        lines = validation_problems(error, type(section))
-        raise InputError(*(f"{name}.{line}" for line in lines)) from None
+        raise InputError(*(f"{name}.{line}" for line in validation_problems(error, type(section)))) from None
 
 
 _PLACING = {"name", "members", "about", "height", "centre"}  # fields of a formation that no shape has of its own
-
-
-def _reshaped(group: Formation, fields: dict[str, Any]) -> Formation:
-    """Return a formation with other fields; a shape replaces all that the shape before it had of its own.
-
-    Raises:
-        InputError: A field is unknown or its value not valid; the message begins with the field.
-    """
-    kept = _PLACING if "shape" in fields else set(type(group).model_fields)
-    raw = group.model_dump(mode="json", exclude_none=True, include=kept)
-    if {"side", "radius"} & fields.keys():  # one takes the place of the other
-        raw = {name: value for name, value in raw.items() if name not in ("side", "radius")}
-    try:
-        return Groups.model_validate({"formations": {group.name: raw | fields}}).formations[group.name]
-    except ValidationError as error:
-        raise InputError(*(f"set.{line}" for line in validation_problems(error, Groups))) from None
 
 
 def phases_of_events(

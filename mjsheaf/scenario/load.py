@@ -58,7 +58,14 @@ class LawFile:
         if self.changed:
             raise InputError(f"{self.field} {self.label}: the file has changed since the command began; start it again")
         try:
-            return Controller(_execute(Path(self.path), self.name), self.label, seed)
+            module = execute_file(Path(self.path), "mjsheaf_controller")
+            with in_this_directory():
+                if not hasattr(module, self.name):
+                    public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
+                    raise InputError(f"there is no {self.name!r} in it; {expected(self.name, public)}")
+                named = getattr(module, self.name)
+                law: Any = named() if inspect.isclass(named) else named
+                return Controller(law, self.label, seed)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -96,10 +103,8 @@ def find_law(source: str, field: str = "--controller", directory: Path | None = 
     if not colon or not name.isidentifier() or Path(file).suffix != ".py":
         raise InputError(f"{field} {source!r}: expected FILE.py:NAME, for example mylaw.py:MyLaw")
     source = source if source.isprintable() else visible(source)
-    try:
+    with in_field(f"{field} {source}"):
         path = Path(file) if directory is None else confined(file, directory)
-    except InputError as error:
-        raise InputError(f"{field} {source}: {error}") from None
     if not path.is_file():
         raise InputError(f"{field} {source}: there is no file {file}")
     return LawFile(str(path.resolve()), name, source, digest(path), field)
@@ -114,21 +119,6 @@ def load_controller(source: str, seed: int = 0) -> Controller:
     if not isinstance(source, str):
         raise InputError(f"controller: expected FILE.py:NAME as a str, not {type(source).__name__}")
     return find_law(source).load(seed)
-
-
-def _execute(path: Path, name: str) -> Any:
-    """Execute a file and return the law of this name in it, an object of it where that is a class.
-
-    Raises:
-        InputError: There is none. Exceptions of the file pass through.
-    """
-    module = execute_file(path, "mjsheaf_controller")
-    with in_this_directory():
-        if not hasattr(module, name):
-            public = [n for n, value in vars(module).items() if callable(value) and not n.startswith("_")]
-            raise InputError(f"there is no {name!r} in it; {expected(name, public)}")
-        law = getattr(module, name)
-        return law() if inspect.isclass(law) else law
 
 
 def name_law_from(law: LawFile, directory: Path) -> str:
@@ -200,11 +190,9 @@ def read_scenario(source: str | Path) -> dict[str, Any]:
     """
     path = find_scenario(source)
     found = read_yaml(path)
-    try:
+    with in_field(source, ScenarioError):
         raw = map_vehicles(found, lambda name: str(confined(name, path.parent)))
         raw = _with_recorded(raw, lambda name: str(confined(name, path.parent)))
-    except InputError as error:
-        raise error.within(source, ScenarioError) from None
     raw.setdefault("name", name_from(path))
     return raw
 
@@ -339,12 +327,24 @@ def name_from(path: Path) -> str:
 
 
 def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:
-    """A copy of nested mappings and lists with one value replaced; None is an empty mapping."""
+    """Return a copy of nested mappings and lists with one value replaced; None is an empty mapping.
+
+    An item of a list is given by its number, id or name; of several of one name, it is the first.
+
+    Raises:
+        ScenarioError: There is no such item, or a value on the way has no fields.
+    """
     if not keys:
         return value
     key, *rest = keys
     if isinstance(node, list):
-        k = _find_item(node, key, path)
+        names = [item.get("id", item.get("name")) if isinstance(item, dict) else None for item in node]
+        places = {str(k): k for k in range(len(node))}
+        places |= {name: k for k, name in reversed([*enumerate(names)]) if isinstance(name, str)}
+        if key not in places:
+            known = [str(name) for name in names if name] or [f"0 to {len(node) - 1}"]
+            raise ScenarioError(f"--set {path}: no item {key!r}; {expected(key, known)}")
+        k = places[key]
         return [*node[:k], _with(node[k], rest, value, path), *node[k + 1 :]]
     if not isinstance(node, dict | None):
         raise ScenarioError(f"--set {path}: {key!r} lies inside {node!r}, which has no fields")
@@ -353,18 +353,3 @@ def _with(node: Any, keys: list[str], value: Any, path: str) -> Any:
     if key in EDGE_FIELDS and isinstance(below, list):
         below = [edge_from_pair(edge) for edge in below]
     return {**fields, key: _with(below, rest, value, path)}
-
-
-def _find_item(items: list[Any], key: str, path: str) -> int:
-    """Return the number of an item that is given by its number, id or name; of several of one name, the first.
-
-    Raises:
-        ScenarioError: there is none; the message begins with the path of an override.
-    """
-    names = [item.get("id", item.get("name")) if isinstance(item, dict) else None for item in items]
-    places = {str(k): k for k in range(len(items))}
-    places |= {name: k for k, name in reversed([*enumerate(names)]) if isinstance(name, str)}
-    if key not in places:
-        known = [str(name) for name in names if name] or [f"0 to {len(items) - 1}"]
-        raise ScenarioError(f"--set {path}: no item {key!r}; {expected(key, known)}")
-    return places[key]

@@ -38,7 +38,6 @@ from mjsheaf.team import Anchor, Formation, Member, Team
 from mjsheaf.team.edges import Group, PairOrEdge
 from mjsheaf.team.links import Links
 from mjsheaf.vehicles import allocation as effectivenesses
-from mjsheaf.vehicles.allocation import ControlEffectiveness
 from mjsheaf.vehicles.effects import Effects
 from mjsheaf.vehicles.vehicle import Vehicle
 
@@ -93,7 +92,13 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
     made = [name for name in ("agents", "communication", "sensing", "formations") if raw.get(name)]
     if made:
         raise InputError(f"swarm: makes {', '.join(made)} itself; give either")
-    centre = _centre_of(swarm.about, raw.get("targets"))
+    targets = raw.get("targets")
+    known = [target for target in targets if isinstance(target, dict)] if isinstance(targets, list) else []
+    position = next((target.get("position") for target in known if target.get("id") == swarm.about), None)
+    try:
+        centre = _POINT.validate_python(position)
+    except ValidationError:
+        raise InputError(f"swarm.about: {swarm.about!r} is no target with a position of two or three numbers") from None
     seed = raw.get("seed", 0)
     if type(seed) is not int or not 0 <= seed < 2**63:
         raise InputError(f"seed: expected a whole number from 0 to 2^63 - 1, not {str(seed)[:60]!r}")
@@ -103,20 +108,6 @@ def expand_swarm(raw: dict[str, Any]) -> dict[str, Any]:
             "of an agent's links lead each way"
         )
     return {name: value for name, value in raw.items() if name != "swarm"} | _written_out(swarm, centre, seed)
-
-
-def _centre_of(about: str, targets: Any) -> list[float]:
-    """Return the position of the target that a swarm is about; targets are as a file has them.
-
-    Raises:
-        InputError: There is no such target, or it has no position.
-    """
-    known = [target for target in targets if isinstance(target, dict)] if isinstance(targets, list) else []
-    position = next((target.get("position") for target in known if target.get("id") == about), None)
-    try:
-        return _POINT.validate_python(position)
-    except ValidationError:
-        raise InputError(f"swarm.about: {about!r} is no target with a position of two or three numbers") from None
 
 
 def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]:
@@ -141,8 +132,11 @@ def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]
             {"id": name, "position": p, "heading": h, **vehicle}
             for name, p, h in zip(ids, start.round(6).tolist(), heading.round(3).tolist(), strict=True)
         ],
-        "communication": [_edge(swarm, ids[i], ids[j], swarm.directed) for i, j in sorted(edges)],
-        "sensing": [_edge(swarm, ids[k], swarm.about) for k in sensors],
+        "communication": [
+            {"between": [ids[i], ids[j]], "measures": swarm.measures, "directed": swarm.directed}
+            for i, j in sorted(edges)
+        ],
+        "sensing": [{"between": [ids[k], swarm.about], "measures": swarm.measures} for k in sensors],
         "formations": [
             {
                 "name": "swarm",
@@ -155,20 +149,11 @@ def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]
     }
 
 
-def _edge(swarm: Swarm, tail: str, head: str, directed: bool = False) -> Any:
-    """Return an edge as a file has it."""
-    fields: dict[str, Any] = {}
-    if swarm.measures != "position":
-        fields["measures"] = swarm.measures
-    if directed:
-        fields["directed"] = True
-    return {"between": [tail, head], **fields} if fields else [tail, head]
-
-
 def _sunflower(size: int, spacing: float) -> Array:
-    """Places in the plane about the origin, shape (size, 2), m; neighbours are about `spacing` apart."""
-    k = np.arange(size) + 0.5
-    radius, angle = spacing * np.sqrt(k / np.pi), _GOLDEN_ANGLE * np.arange(size)
+    """Return places in the plane about the origin, shape (size, 2), m; neighbours are about `spacing` apart."""
+    number = np.arange(size)
+    angle = _GOLDEN_ANGLE * number
+    radius = spacing * np.sqrt((number + 0.5) / np.pi)
     return np.asarray(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
@@ -208,11 +193,9 @@ def _random_geometric(places: Array, swarm: Swarm, rng: np.random.Generator) -> 
 
 def _small_world(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     """A ring with links to the nearest, one in ten of them rewired (Watts and Strogatz, Nature 393, 1998)."""
-    size, degree = len(places), min(swarm.degree, len(places) - 1)
-    if degree < 2:
-        return _nearest(places, swarm, rng)
     import networkx
 
+    size, degree = len(places), min(swarm.degree, len(places) - 1)
     graph = networkx.watts_strogatz_graph(size, degree, 0.1, seed=int(rng.integers(2**31)))
     return _connected(_ordered(graph.edges), places)
 
@@ -220,8 +203,6 @@ def _small_world(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges
 def _k_regular(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     """Every agent has the same number of neighbours, drawn at random: anew until all are connected."""
     size, degree = len(places), min(swarm.degree, len(places) - 1)
-    if degree < 1:
-        return set()
     if size * degree % 2:
         raise InputError(f"swarm.degree: no graph of {size} agents has {degree} links each; take an even number")
     if degree == 2:  # of these, only one cycle is connected, which would hardly ever be drawn
@@ -374,7 +355,7 @@ class Agent(Section):
     velocity_limit: Positive | None = Field(
         None, description="largest commanded speed; controller.velocity_limit unless given [m/s]"
     )
-    effectiveness: ControlEffectiveness | None = Field(
+    effectiveness: effectivenesses.ControlEffectiveness | None = Field(
         None, description="g_i(q, t) on the ideal backend; the identity unless given"
     )
     drift: bool = Field(
@@ -542,26 +523,6 @@ def _stopping_times(vehicles: Sequence[Vehicle], control: ControlArrays, timeste
 
 Scale = Annotated[float, Field(ge=1e-3, le=1e4)]
 """How many times larger than life something is drawn."""
-
-
-def scales_of(scale: float | None, named: Mapping[str, float], ids: Sequence[str], kinds: Sequence[str]) -> Array:
-    """Compute how many times larger than life each vehicle is drawn, shape (V,); NaN where nothing says it.
-
-    Args:
-        scale: Scale of every vehicle that `named` does not name, or None.
-        named: Scales by id, or by kind of vehicle; an id overrides its kind.
-        ids: Name of each vehicle.
-        kinds: Kind of each vehicle.
-
-    Raises:
-        InputError: A name in `named` is no vehicle's.
-    """
-    unknown = sorted(set(named) - {*ids, *kinds})
-    if unknown:
-        known = shortened(", ".join(visible(name) for name in dict.fromkeys([*kinds, *ids])))
-        raise InputError(f"vehicle_scales.{visible(unknown[0])}: there is none of this name; expected one of {known}")
-    given = [named.get(name, named.get(kind, scale)) for name, kind in zip(ids, kinds, strict=True)]
-    return np.array(given, dtype=np.float64)  # None becomes NaN
 
 
 class Scene(Section):
@@ -740,10 +701,23 @@ class Scenario(Section):
 
     @property
     def drawn_scales(self) -> Array:
-        """Scale at which the scenario has each vehicle drawn, shape (V,), agents first; NaN where it gives none."""
+        """Scale at which the scenario has each vehicle drawn, shape (V,), agents first; NaN where it gives none.
+
+        Raises:
+            InputError: A name in `scene.vehicle_scales` is no vehicle's.
+        """
         ids = [*(agent.id for agent in self.agents), *(target.id for target in self.targets)]
-        kinds, scene = self.vehicles.names(self.agents, self.targets), self.scene
-        return scales_of(scene.vehicle_scale, scene.vehicle_scales, ids, kinds)
+        kinds = self.vehicles.names(self.agents, self.targets)
+        named = self.scene.vehicle_scales
+        unknown = sorted(set(named) - {*ids, *kinds})
+        if unknown:
+            known = shortened(", ".join(visible(name) for name in dict.fromkeys([*kinds, *ids])))
+            raise InputError(
+                f"vehicle_scales.{visible(unknown[0])}: there is none of this name; expected one of {known}"
+            )
+        of_kinds = [named.get(kind, self.scene.vehicle_scale) for kind in kinds]
+        scales = [named.get(name, scale) for name, scale in zip(ids, of_kinds, strict=True)]
+        return np.array(scales, dtype=np.float64)  # None becomes NaN
 
     @cached_property
     def team(self) -> Team:

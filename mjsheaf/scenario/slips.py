@@ -6,7 +6,7 @@
 import numpy as np
 
 from mjsheaf.errors import listed
-from mjsheaf.law.paths import Adrift, Motion, Recorded, Static
+from mjsheaf.law.paths import Adrift, Recorded, Static
 from mjsheaf.media.flow_files import Medium
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.media.medium import mean_flow
@@ -46,7 +46,11 @@ def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> d
     disturbance, up to where it is known, in a number of steps. Those that drift by less than `least`, m, are left out.
     """
     phases, N = scenario.phases, len(scenario.agents)
-    free = [k for k, motion in enumerate(scenario.target_motions) if _is_free(motion)]
+    free = [
+        k
+        for k, motion in enumerate(scenario.target_motions)
+        if motion is None or isinstance(motion, Adrift) or (isinstance(motion, Static) and motion.pull == 0.0)
+    ]
     first, grid = phases[0].system, phases[0].system.grid
     if not free or all(flow.is_steady and not flow.table.any() for phase in phases for flow in phase.system.flows):
         return {}
@@ -66,11 +70,6 @@ def drifts_of(scenario: Scenario, *, steps: int = 200, least: float = 1e-3) -> d
             x[own] += np.where(np.isfinite(step) & known[:, None], step + h * leeway[own], 0.0)
     away = np.linalg.norm(x - first.initial[v], axis=1)
     return {scenario.targets[k].id: float(far) for k, far in zip(free, away, strict=True) if far > least}
-
-
-def _is_free(motion: Motion | None) -> bool:
-    """Return True for the motion of a target that goes where the flow carries it."""
-    return motion is None or isinstance(motion, Adrift) or (isinstance(motion, Static) and motion.pull == 0.0)
 
 
 def _static_in_flow(scenario: Scenario) -> list[str]:

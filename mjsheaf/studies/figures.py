@@ -67,7 +67,7 @@ class SweptAxis:
     """A swept field with more than one value.
 
     Attributes:
-        path: Path of the field.
+        path: Path of the field; 'points' for named points.
         name: Name of the field in figures.
         numeric: True if all values are numbers.
         drawn: True if the values were drawn at random, so that few runs share a value.
@@ -88,22 +88,21 @@ class SweptAxis:
     index: IntArray
 
     @property
-    def shown(self) -> tuple[int, list[str]]:
-        """Step from one labelled value to the next, and their labels."""
-        step = -(-len(self.places) // _MOST_TICKS)
-        return step, self.labels[::step]
+    def step(self) -> int:
+        """Step from one labelled value to the next."""
+        return -(-len(self.places) // _MOST_TICKS)
 
     @property
     def upright(self) -> bool:
         """True if labels below a panel are rotated, because they do not fit side by side."""
-        return not self.numeric and len("  ".join(self.shown[1])) > _UNROTATED
+        return not self.numeric and len("  ".join(self.labels[:: self.step])) > _UNROTATED
 
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
         """Label an axis ('x' or 'y') of a panel, and put the values' labels at `places`."""
-        step, shown = self.shown
-        upright = which == "x" and self.upright
+        shown = slice(None, None, self.step)
+        turned = 90.0 if which == "x" and self.upright else 0.0
         getattr(panel, f"set_{which}label")(self.name, fontsize=NORMAL)
-        getattr(panel, f"set_{which}ticks")(places[::step], shown, rotation=90.0 if upright else 0.0, fontsize=TICK)
+        getattr(panel, f"set_{which}ticks")(places[shown], self.labels[shown], rotation=turned, fontsize=TICK)
 
 
 def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxis]:
@@ -111,26 +110,21 @@ def swept_axes(study: StudyFile, records: list[dict[str, Any]]) -> list[SweptAxi
 
     If several fields always change together, the first one represents them.
     """
-    listed = set(chain.from_iterable(study.points)) if study.names else set()
-    axes = [_axis_of_points(study, records)] if study.names else []
-    axes += [_axis_of_field(study, records, path) for path in study.paths if path not in listed]
+    columns = {path: [record["parameters"].get(path) for record in records] for path in study.paths}
+    if study.names:
+        runs = study.size // len(study.points)  # runs of one point; points change slowest
+        listed = set(chain.from_iterable(study.points))
+        others = {path: values for path, values in columns.items() if path not in listed}
+        columns = {"points": [study.names[record["run"] // runs] for record in records], **others}
+    axes = [_axis_of(study, path, values) for path, values in columns.items()]
     distinct = {(*axis.labels, *axis.index.tolist()): axis for axis in reversed(axes) if len(axis.places) > 1}
     return list(distinct.values())[::-1]
 
 
-def _axis_of_points(study: StudyFile, records: list[dict[str, Any]]) -> SweptAxis:
-    """Return the axis of the named points of a study."""
-    runs = study.size // len(study.points)  # runs of one point; points change slowest
-    index = np.array([record["run"] // runs for record in records], dtype=np.int64)
-    places = np.arange(len(study.names), dtype=np.float64)
-    return SweptAxis("points", "", False, False, False, places, [plain(name) for name in study.names], index)
-
-
-def _axis_of_field(study: StudyFile, records: list[dict[str, Any]], path: str) -> SweptAxis:
-    """Return the axis of a field; values other than numbers keep the order in which they are given."""
-    values = [record["parameters"].get(path) for record in records]
+def _axis_of(study: StudyFile, path: str, values: list[Any]) -> SweptAxis:
+    """Return the axis of a field, or of the named points; values other than numbers keep their order in the study."""
     draw = (study.draws.values if study.draws else {}).get(path)
-    name = plain(study.labels.get(path, path))
+    name = "" if path == "points" else plain(study.labels.get(path, path))
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         places, index = np.unique(np.array(values, dtype=np.float64), return_inverse=True)
         log = isinstance(draw, LogUniform) or _spans_decades(places)
@@ -140,7 +134,7 @@ def _axis_of_field(study: StudyFile, records: list[dict[str, Any]], path: str) -
     names = [key for key in dict.fromkeys([*order, *keys]) if key in keys]
     index = pd.Index(names).get_indexer(keys).astype(np.int64)
     parts = [Path(name).name if name.endswith(SUFFIXES) else name for name in names]
-    labels = [plain(shortened(part, _LONGEST_TICK)) for part in parts]
+    labels = [plain(part if path == "points" else shortened(part, _LONGEST_TICK)) for part in parts]
     return SweptAxis(path, name, False, draw is not None, False, np.arange(len(names), dtype=np.float64), labels, index)
 
 
@@ -197,14 +191,14 @@ def plot_study(
 
 def _final_errors(study: StudyFile, measures: Sequence[str], records: list[dict[str, Any]]) -> dict[str, Array]:
     """Return the errors of all runs by label, NaN without one, for each measure that is defined in at least one run."""
-    errors = {}
-    for measure in measures:
-        known = [(r["late" if study.late else "final"] or {}) if r["status"] == "finished" else {} for r in records]
-        values = np.array([each.get(measure) for each in known], dtype=np.float64)
-        if np.isfinite(values).any():
-            label = _LABELS[measure]
-            errors[f"{label.removeprefix('final ')}\nRMS over the second half" if study.late else label] = values
-    return errors
+    part = "late" if study.late else "final"
+    rows = [(r[part] or {}) if r["status"] == "finished" else {} for r in records]
+    table = pd.DataFrame(rows, columns=list(measures), dtype=np.float64).dropna(axis=1, how="all")
+    late = "\nRMS over the second half"
+    return {
+        (_LABELS[name].removeprefix("final ") + late if study.late else _LABELS[name]): table[name].to_numpy()
+        for name in table
+    }
 
 
 def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDArray[np.str_] | None) -> Figure:

@@ -338,7 +338,6 @@ class Plan:
         Two studies with equal records give the same bytes.
         """
         libraries = dict(versions())
-        law = {} if self.law is None else {"law": self.law.key()}
         return {
             "mjsheaf_version": libraries.pop("mjsheaf"),
             "versions": libraries,
@@ -347,7 +346,7 @@ class Plan:
             "asked": self.study.asked(),
             "scenario": self.scenario,
             "vehicle_files": self.files,
-            **law,
+            **({} if self.law is None else {"law": self.law.key()}),
         }
 
     def job(self, point: Point) -> Job:
@@ -393,9 +392,15 @@ def load_plan(
     _require_paths("grid", "--grid", grid, "a mapping of field paths to lists of values")
     read = _read(source)
     law = _law(read, controller, source)
+    twice = sorted(set(grid or ()) & set(read.study.grid))
+    if twice:
+        raise ScenarioError(f"{source}: grid: {twice[0]} is swept by the study itself; set or sweep another field")
     chosen = {"backend": backend, "engine": engine or ("fused" if batch else None), "measure": measure}
+    swept = {path: [_absolute(value, path) for value in values] for path, values in (grid or {}).items()}
+    fixed = {path: _absolute(value, path) for path, value in (overrides or {}).items()}
     changes = {
-        **_typed(source, read.study, grid or {}, overrides or {}),
+        "grid": {**read.study.grid, **swept},
+        "set": {**read.study.set, **fixed},
         **{field: value for field, value in chosen.items() if value},
         "trajectories": read.study.trajectories or trajectories,
         "batch": batch or read.study.batch,
@@ -422,24 +427,6 @@ def _require_paths(name: str, option: str, fields: Any, expected: str) -> None:
             split_path(path)
 
 
-def _typed(
-    source: str, study: StudyFile, grid: Mapping[str, Sequence[Any]], overrides: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return a study's fields `grid` and `set` with the user's values added.
-
-    Paths in them become absolute, because they are relative to the working directory and workers may run elsewhere.
-
-    Raises:
-        ScenarioError: The study already sweeps a field of the grid.
-    """
-    twice = sorted(set(grid) & set(study.grid))
-    if twice:
-        raise ScenarioError(f"{source}: grid: {twice[0]} is swept by the study itself; set or sweep another field")
-    swept = {path: [_absolute(value, path) for value in values] for path, values in grid.items()}
-    fixed = {path: _absolute(value, path) for path, value in overrides.items()}
-    return {"grid": {**study.grid, **swept}, "set": {**study.set, **fixed}}
-
-
 def _read(source: str) -> Plan:
     """Return the plan of a study file, or of a scenario as a study of one run, without files and points."""
     scenarios = list_scenarios()
@@ -450,14 +437,12 @@ def _read(source: str) -> Plan:
         return Plan(path.stem, source, StudyFile(scenario=source), read_scenario(source), directory, {}, [])
     study = _validated(raw, source)
     scenario: str | Path = study.scenario
-    try:
+    with in_field(source, ScenarioError):
         for field, value in study.values():
             map_vehicles(value, lambda name: str(confined(name, directory)), tuple(field.split(".")))
         if scenario not in scenarios:
             with in_field("scenario"):
                 scenario = confined(study.scenario, directory)
-    except InputError as error:
-        raise error.within(source, ScenarioError) from None
     if isinstance(scenario, Path) and not scenario.is_file():
         raise ScenarioError(
             f"{source}: scenario: {study.scenario!r} is neither a file nor one of {', '.join(scenarios)}"
@@ -493,9 +478,8 @@ def _validated(raw: Mapping[str, Any], source: str) -> StudyFile:
 
 
 def _absolute(value: Any, path: str) -> Any:
-    """Return a user's value with the paths of vehicles in it made absolute."""
-    here = Path.cwd()
-    return map_vehicles(value, lambda name: str(here / name), tuple(path.split(".")))
+    """Return a user's value with the paths of vehicles in it made absolute, because workers may run elsewhere."""
+    return map_vehicles(value, lambda name: str(Path.cwd() / name), tuple(path.split(".")))
 
 
 def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) -> dict[str, str]:
@@ -559,18 +543,13 @@ def _a_valid_point(plan: Plan) -> Scenario:
         ScenarioError: None of them is valid. The message is about the first.
     """
     first: InputError | None = None
-    tried = _tried(plan)
-    for point in tried:
+    drawn = np.random.default_rng(0).permutation(len(plan.points))[:_TRIED_POINTS]
+    tried = list(dict.fromkeys([0, *drawn.tolist()]))[:_TRIED_POINTS]  # the first, and others from all over the study
+    for number in tried:
         try:
-            return plan.job(point).load(plan.source)
+            return plan.job(plan.points[number]).load(plan.source)
         except InputError as error:
             first = first or error
     which = f"{len(tried)} points" + (" from all over the study" if len(tried) < len(plan.points) else "")
     *lines, last = first.args if first else ("no point is valid",)
     raise ScenarioError(*lines, last if len(plan.points) == 1 else f"{last} (and none of {which} is valid)")
-
-
-def _tried(plan: Plan) -> list[Point]:
-    """Return the first point and others drawn from all over the study."""
-    drawn = np.random.default_rng(0).permutation(len(plan.points))[:_TRIED_POINTS]
-    return [plan.points[k] for k in dict.fromkeys([0, *drawn.tolist()])][:_TRIED_POINTS]

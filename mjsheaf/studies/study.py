@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -33,6 +33,7 @@ import pyarrow as pa
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError, shortened
 from mjsheaf.files import digest, dump_yaml, figure_files, is_part_of, naming, parse_yaml, write_whole
+from mjsheaf.progress import shown
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.results.store import enclosing_run, read_mapping, record_in
 from mjsheaf.runs.simulate import Progress, no_progress
@@ -55,16 +56,23 @@ class BusyError(InputError):
     """Another command uses the study's directory."""
 
 
+@dataclass(frozen=True)
 class StudyDirectory:
-    """Directory of a study, locked by this process; created by `open_directory`."""
+    """Directory of a study, locked by this process; created by `open_directory`.
 
-    def __init__(self, path: Path, plan: Plan, made: list[Path]) -> None:
-        self.path = path
-        self._plan, self._made = plan, made
+    Attributes:
+        path: Path of the directory.
+        plan: Plan of the study.
+        made: Directories that this command created, the deepest first.
+    """
+
+    path: Path
+    plan: Plan
+    made: list[Path]
 
     def ended(self) -> dict[int, dict[str, Any]]:
         """Return the records of runs that have ended, by number, ignoring files that do not match their point."""
-        records = {point.number: self._record(point) for point in self._plan.points}
+        records = {point.number: self._record(point) for point in self.plan.points}
         return {number: record for number, record in records.items() if record is not None}
 
     def save(self, result: JobResult) -> None:
@@ -97,11 +105,11 @@ class StudyDirectory:
 
     def leave(self) -> None:
         """Remove the directory if this command created it and no run has ended."""
-        if self.path in self._made and not _has_runs(self.path):
+        if self.path in self.made and not _has_runs(self.path):
             for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
                 with suppress(OSError):
-                    (self.path / name).unlink(missing_ok=True)
-            _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self._made])
+                    (self.path / name).unlink()
+            _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self.made])
 
     def writing(self) -> AbstractContextManager[None]:
         """Turn an error of the file system into one that names the directory."""
@@ -163,20 +171,18 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
         _remove_empty(missing)
         raise
     with lock:
-        _take(lock, path)
+        with naming(path, "choose another --out", PlaceError, "locked"):  # for example on a file system without locks
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise BusyError(
+                    f"{path}: another command uses this study; wait for it, or choose another --out"
+                ) from None
         _check_place(path)  # again, because only the lock excludes other writers
         directory = StudyDirectory(path, plan, missing)
         with directory.writing():
             _begin(path, plan)
         yield directory
-
-
-def _take(lock: IO[str], path: Path) -> None:
-    with naming(path, "choose another --out", PlaceError, "locked"):  # for example on a file system without locks
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BusyError(f"{path}: another command uses this study; wait for it, or choose another --out") from None
 
 
 def _check_place(path: Path) -> None:
@@ -218,7 +224,12 @@ def _begin(path: Path, plan: Plan) -> None:
         more = len(found) - _SHOWN_DIFFERENCES
         shown = "; ".join(found[:_SHOWN_DIFFERENCES]) + (f" (and {more} more)" if more > 0 else "")
         raise PlaceError(f"{path}: holds another study: {shown}; choose another --out")
-    _remove_parts(path)
+    for folder in (path, path / _RUNS, path / _TRAJECTORIES):
+        for part in folder.glob(".*.part"):  # incomplete files of a command that was killed, but none of the user's
+            name = part.name[1:].rsplit(".", 2)[0]
+            ours = name in {_STUDY, _SCENARIO, *RESULT_FILES} or _NUMBERED.fullmatch(name)
+            if ours and is_part_of(part.name, [name]):
+                part.unlink(missing_ok=True)
     if found:
         (path / _SCENARIO).unlink(missing_ok=True)
         for stale in (path / _TRAJECTORIES).glob("[0-9]*.*"):
@@ -238,16 +249,6 @@ def _begin(path: Path, plan: Plan) -> None:
 
 def _has_runs(path: Path) -> bool:
     return any((path / _RUNS).glob("[0-9]*.json"))
-
-
-def _remove_parts(path: Path) -> None:
-    """Remove incomplete files of a command that was killed; other files may be the user's."""
-    for folder in (path, path / _RUNS, path / _TRAJECTORIES):
-        for part in folder.glob(".*.part"):
-            name = part.name[1:].rsplit(".", 2)[0]
-            ours = name in {_STUDY, _SCENARIO, *RESULT_FILES} or _NUMBERED.fullmatch(name)
-            if ours and is_part_of(part.name, [name]):
-                part.unlink(missing_ok=True)
 
 
 def _remove_empty(places: list[Path]) -> None:
@@ -337,8 +338,6 @@ def run_study(
         SchedulerError: The cluster cannot be reached, or the connection is lost. Runs that have ended are kept. If
             there are none, a directory that was created for the study is removed.
     """
-    from mjsheaf.progress import shown
-
     with shown(progress, "running") as bar, open_directory(directory, plan) as place:
         report = bar or (progress if callable(progress) else no_progress)
         records = place.ended()

@@ -11,7 +11,7 @@ import signal
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.metadata import version
@@ -31,16 +31,15 @@ from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import ending_of_run
-from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run
+from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run, bounds_of_phases
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.files import digest
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import System
 from mjsheaf.media import varying
-from mjsheaf.results import dataset_bytes, summarize
-from mjsheaf.results.metrics import communication, error_series_of, late_errors
-from mjsheaf.results.store import thin
+from mjsheaf.results.metrics import communication, error_series_of, late_errors, summarize
+from mjsheaf.results.store import dataset_bytes, thin
 from mjsheaf.runs.simulate import simulate, stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import map_vehicles
@@ -144,10 +143,8 @@ class Job:
         source = source or str(scenario.get("name"))
         swarm = "swarm" in scenario or any(path.startswith("swarm") for path in changes)
         if seed is not None and 0 <= seed < 2**63 and not swarm:
-            try:
+            with suppress(InputError):  # the call below raises it again, with the point's own seed in the message
                 return _of_any_seed(scenario, {**changes, "seed": 0}, source, self.plan.files).with_seed(seed)
-            except InputError:  # the call below raises it again, with the point's own seed in the message
-                pass
         return scenario_from_mapping(scenario, changes, source)
 
 
@@ -256,7 +253,6 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
     if not study.trajectories:
         return record, None, None
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
     from mjsheaf.page import page_of
 
     bounds = bounds_of_phases(scenario.phases, dataset)
@@ -323,17 +319,17 @@ class SchedulerError(InputError):
     """There is no scheduler at the given address, or the connection to it is lost."""
 
 
+@dataclass(frozen=True)
 class Workers:
     """Parallel runner of jobs, created by `local_workers` or `workers_at`.
 
-    Args:
+    Attributes:
         submit: Function that submits a job. The future raises BrokenExecutor if the worker that ran it died.
         ahead: Number of jobs submitted at a time.
     """
 
-    def __init__(self, submit: Callable[[Work, Job], Future[JobResult]], ahead: int) -> None:
-        self._submit = submit
-        self._ahead = ahead
+    submit: Callable[[Work, Job], Future[JobResult]]
+    ahead: int
 
     def run(self, jobs: Iterable[Job], work: Work = run_job) -> Generator[JobResult]:
         """Run jobs and yield each result when it is available.
@@ -347,8 +343,8 @@ class Workers:
         waiting = iter(jobs)
         asked: dict[Future[JobResult], Job] = {}
         while True:
-            for job in islice(waiting, self._ahead - len(asked)):
-                asked[self._submit(work, job)] = job
+            for job in islice(waiting, self.ahead - len(asked)):
+                asked[self.submit(work, job)] = job
             if not asked:
                 return
             for future in wait(asked, return_when=FIRST_COMPLETED).done:
@@ -391,11 +387,11 @@ class _Processes:
         future.add_done_callback(lambda _: self._free.put(k))
         return future
 
-    def kill(self) -> None:
-        """End the processes at once."""
+    def shutdown(self, **options: bool) -> None:
+        """End the processes at once; options are those of an executor."""
         self._end.close()
         for pool in self._pools:
-            pool.shutdown(cancel_futures=True)
+            pool.shutdown(**options)
 
 
 # glibc would hand a run's 30 MB back and get them anew, zeroed page by page, for the next: a seventh of a light run.
@@ -447,18 +443,11 @@ def local_workers(count: int | None = None, *, processes: bool = True) -> Iterat
     if count is not None:
         require_whole("workers", count, 1)
     count = count or usable_processors()
-    if not processes:
-        threads = ThreadPoolExecutor(count)
-        try:
-            yield Workers(threads.submit, count)
-        finally:
-            threads.shutdown(wait=False, cancel_futures=True)
-        return
-    pool = _Processes(count)
+    pool = _Processes(count) if processes else ThreadPoolExecutor(count)
     try:
         yield Workers(pool.submit, count)
     finally:
-        pool.kill()
+        pool.shutdown(wait=processes, cancel_futures=True)
 
 
 @contextmanager

@@ -155,6 +155,12 @@ def test_what_cannot_be_edited_is_refused(text: str) -> None:
         with_field(text, "expect", EXPECT, "file")
 
 
+@pytest.mark.parametrize("text", ['{"a": 1, "expect": {}}', '{"a": 1}\n'])
+def test_the_refusal_to_edit_json_says_what_to_write(text: str) -> None:
+    with refused(ScenarioError, "such as JSON", 'write "expect": {"ideal": {'):
+        with_field(text, "expect", EXPECT, "file")
+
+
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real, link = tmp_path / "real.yaml", tmp_path / "link.yaml"
     real.write_bytes(b"old")
