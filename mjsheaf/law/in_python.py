@@ -6,7 +6,7 @@ from that, named so, the truth. Targets, references, speed limits and recording 
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -413,7 +413,7 @@ class PerAgent:
                     running[i] = found
                 else:
                     _put(velocity[i], found)
-        received: list[Mapping[str, Array]] | list[None] = [None] * len(ids)
+        received: Sequence[Mapping[str, Array] | None] = [None] * len(ids)
         while running:
             sent: dict[int, Array] = {}
             for i, law in list(running.items()):
@@ -431,7 +431,7 @@ class PerAgent:
             sizes = {values.shape for values in sent.values()}
             if len(sizes) > 1:
                 raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}; expected one shape")
-            received = [*sample.exchange(np.stack([sent[i] for i in range(len(ids))]))]
+            received = sample.exchange(np.stack([sent[i] for i in range(len(ids))]))
         return velocity
 
 
