@@ -49,6 +49,13 @@ def test_an_edit_makes_stale_the_code_of_its_callers_alone(tmp_path: Path) -> No
     assert changed == {"law/terms.py", "loop/ideal.py", "loop/loop.py"}
 
 
+def test_functions_that_callers_inline_are_in_sources() -> None:
+    """The code of a caller has a copy of them, so that their text must decide on it."""
+    for path in PACKAGE.rglob("*.py"):
+        if "\n@inline_jit\n" in path.read_text(encoding="utf-8"):
+            assert any(path.relative_to(PACKAGE).match(pattern) for pattern in machine_code.SOURCES), path
+
+
 def test_an_edit_of_the_decorator_makes_all_code_stale(tmp_path: Path) -> None:
     """Also in a directory whose name reads as a pattern."""
     package = tmp_path / "site [1]" / "mjsheaf"

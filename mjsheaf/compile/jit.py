@@ -66,9 +66,6 @@ if config.CPU_FEATURES is None and "+avx2" in _features:  # type: ignore[attr-de
     config.CPU_FEATURES = f"{_features},+prefer-256-bit,+prefer-no-gather,+prefer-no-scatter"  # type: ignore[attr-defined]
 
 _logger = logging.getLogger("mjsheaf")
-# Thresholds of the garbage collector during compilation. numba makes millions of objects, few of them garbage: with
-# Python's own thresholds, looking for it took a tenth of the time.
-_RARELY = 50_000, 20, 20
 
 
 class _Compilations(event.Listener):
@@ -94,7 +91,9 @@ class _Compilations(event.Listener):
         if not self._begun:
             self.expected = self.count + len(_functions_called(function, self._compiled))
             self._usual = gc.get_threshold()
-            gc.set_threshold(*_RARELY)
+            # numba makes millions of objects, few of them garbage: with Python's own thresholds, looking for it took a
+            # tenth of the time.
+            gc.set_threshold(50_000, 20, 20)
         self._begun.append(perf_counter())
         if not self._announced and str(function.__module__).startswith("mjsheaf."):
             self._announced = True
@@ -444,22 +443,17 @@ def _compile(function: Callable[..., Any], apart: bool = False, **options: Any) 
     compiled: Any = njit(pipeline_class=EntryCompiler, **own)(function)
     with contextlib.suppress(RuntimeError):  # no directory can be written: compile anew in each process
         keep_code(compiled, StoredCode(function))
-    _link_into_callers(compiled, apart, options)
-    return compiled
-
-
-def _link_into_callers(compiled: Any, apart: bool, options: dict[str, Any]) -> None:
-    """Hand compiled callers the function's code for linking, and share that for integers among literal integers."""
 
     @cache
     def for_callers() -> Any:
         return linked(compiled.py_func, apart, **options)
 
-    def get_call_template(args: Any, kws: Any) -> Any:
+    def get_call_template(args: Any, kws: Any) -> Any:  # code for integers serves literal integers too
         return for_callers().get_call_template(tuple(types.unliteral(argument) for argument in args), kws)
 
     compiled.get_call_template = get_call_template
     compiled.get_overload = lambda signature: for_callers().get_overload(signature)
+    return compiled
 
 
 class _EntryLibrary(JITCodeLibrary):

@@ -40,6 +40,8 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 SOURCES = (
     "compile/jit.py",
     "noise.py",
+    "vectors.py",
+    "team/links.py",
     "sheaf/*.py",
     "media/*.py",
     "law/*.py",
@@ -83,18 +85,15 @@ class StoredCode(FunctionCache):
         """Write the machine code for a signature; where that fails, warn once that each process compiles anew."""
         try:
             super().save_overload(signature, data)
-            self._remove_old()
+            pattern, own = self._others
+            for path in Path(self._cache_path).glob(pattern):
+                if not path.name.startswith(own) and time.time() - path.stat().st_mtime > _KEPT:
+                    path.unlink(missing_ok=True)
         except OSError as error:
             if not StoredCode._warned:
                 StoredCode._warned = True
                 why = error.strerror or error
                 _logger.warning("%s: machine code cannot be kept, and is compiled again: %s", self._cache_path, why)
-
-    def _remove_old(self) -> None:
-        pattern, own = self._others
-        for path in Path(self._cache_path).glob(pattern):
-            if not path.name.startswith(own) and time.time() - path.stat().st_mtime > _KEPT:
-                path.unlink(missing_ok=True)
 
 
 class _Files(IndexDataCacheFile):

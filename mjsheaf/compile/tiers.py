@@ -22,10 +22,8 @@ import numpy as np
 from mjsheaf.compile.jit import INTERPRETED, Dispatcher, Held, kinds_of
 from mjsheaf.compile.machine_code import source_hash
 
-_MAX_SECONDS = 0.3  # processor time that a function may take in Python, in a process
 _PROCESSES = 4  # Python may take this multiple of the limit of a process in all processes together
 _NOTICEABLE = 0.1  # s: a process writes down its time in steps of this size
-_MAX_NUMBERS = 10_000  # in the arrays of a call that Python carries out
 
 
 _FUNCTIONS: dict[str, Callable[..., float]] = {
@@ -71,9 +69,7 @@ class Tiered:
         compiled: The compiled function.
     """
 
-    def __init__(
-        self, compiled: Any, seconds: float = _MAX_SECONDS, numbers: float = _MAX_NUMBERS, records: bool = False
-    ) -> None:
+    def __init__(self, compiled: Any, seconds: float = 0.3, numbers: float = 10_000, records: bool = False) -> None:
         self.compiled = compiled
         self._python: Callable[..., Any] | None = None
         self._left: dict[Any, float] = {}  # of the time of Python, s, by types of arguments; -inf of those compiled
@@ -93,7 +89,8 @@ class Tiered:
             return self.compiled(*arguments)
         values = tuple(one.value if isinstance(one, Held) else one for one in arguments)
         if self._left[kinds] <= 0.0 or (self._numbers < np.inf and _numbers_in(values) > self._numbers):
-            self._hand_over(kinds)
+            self._left[kinds] = -math.inf  # in later processes too
+            _add_time(_file_of_times(self.compiled, kinds), math.inf)
             return self.compiled(*arguments)
         self._python = self._python or in_python(self.compiled)
         begun = thread_time()
@@ -109,12 +106,6 @@ class Tiered:
         steps = before - self._left[kinds] // _NOTICEABLE
         if steps:
             _add_time(_file_of_times(self.compiled, kinds), steps * _NOTICEABLE)
-
-    def _hand_over(self, kinds: Any) -> None:
-        """Leave calls with these types to compiled code, in later processes too."""
-        if self._left[kinds] > -math.inf:
-            self._left[kinds] = -math.inf
-            _add_time(_file_of_times(self.compiled, kinds), math.inf)
 
 
 def tiered(**limits: Any) -> Callable[[Any], Tiered]:

@@ -22,7 +22,6 @@ _HOME = {
     "parallel_env": "mjsheaf.envs.petting_zoo",
     "vector_env": "mjsheaf.envs.gym",
 }
-_EXTRAS = ("gymnasium", "pettingzoo")
 
 __all__ = ["Episode", "dm_env", "env", "parallel_env", "vector_env"]
 
@@ -32,7 +31,7 @@ def __getattr__(name: str) -> Any:
         try:
             return getattr(import_module(_HOME[name]), name)
         except ModuleNotFoundError as error:
-            if error.name not in _EXTRAS:
+            if error.name not in ("gymnasium", "pettingzoo"):
                 raise
             raise ImportError(f"mjsheaf.envs.{name} needs {error.name}; expected pip install 'mjsheaf[rl]'") from error
     raise AttributeError(f"module 'mjsheaf.envs' has no attribute {name!r}")

@@ -36,9 +36,6 @@ ACTIONS = tuple(_COMMANDED)
 """Kinds of actions: velocities that are added to the commands of the law, velocities that take their place, or commands
 of actuators, which take the place of law and autopilot."""
 
-_SPACES = ("action_spaces", "observation_spaces")  # of a `FlatEpisode`, which draw samples from generators of their own
-_log = logging.getLogger("mjsheaf")
-
 
 def named_edges(edges: Iterable[Edge]) -> dict[tuple[tuple[str, str], int], Edge]:
     """Return edges by a name that each has in all phases: its ends, and its number among edges of these ends."""
@@ -48,11 +45,6 @@ def named_edges(edges: Iterable[Edge]) -> dict[tuple[tuple[str, str], int], Edge
         named[edge.between, met[edge.between]] = edge
         met[edge.between] += 1
     return named
-
-
-def _measures(agent: str, edge: Edge) -> bool:
-    """Return True if an agent measures at an edge: both ends do, but only the tail of a directed one."""
-    return agent == edge.tail or (agent == edge.head and not edge.directed)
 
 
 def _size_of(edge: Edge) -> int:
@@ -125,14 +117,21 @@ class Episode:
         self.world = cast(ClosedLoop, self.session.engine)
         team = scenario.team
         self.agents = list(team.agent_ids)
-        self.action_limits = _action_limits(scenario)
+        limits = scenario.whole.law.limit[: len(self.agents)]
+        vehicles = scenario.whole.vehicles[: len(self.agents)]
+        speed = of_each(vehicles, lambda vehicle: capability_of(vehicle).forward_speed)
+        limits = np.where(np.isfinite(limits), limits, speed)
+        self.action_limits = np.where(np.isfinite(limits) & (limits > 0.0), limits, DEFAULT_ACTION_LIMIT)
         each = _thrust_limits(scenario) if action == "thrust" else self._velocity_limits()
         self.bounds = dict(zip(self.agents, each, strict=True))
         self.dimensions = np.array([limits.shape[1] for limits in each])
         grid = scenario.whole.grid
         self.periods = grid.steps if horizon is None else _whole_periods(horizon, grid.period, grid.steps)
         every = named_edges(team.measuring_edges)
-        self.keys = {name: [key for key, edge in every.items() if _measures(name, edge)] for name in self.agents}
+        self.keys = {  # both ends of an edge measure, but only the tail of a directed one
+            name: [k for k, edge in every.items() if name == edge.tail or (name == edge.head and not edge.directed)]
+            for name in self.agents
+        }
         self.edges = {name: [every[key] for key in keys] for name, keys in self.keys.items()}
         self._errors = SquareErrors(self.world.system.team)
         self.repeat()
@@ -168,14 +167,11 @@ class Episode:
             InputError: The argument is not a seed; the present episode continues.
         """
         new = self.next_seed(seed)
-        self._begin(None if new == self.seed else new)
+        self.repeat(None if new == self.seed else new)
         self.begun = True
 
-    def repeat(self) -> None:
-        """Go back to the start of the present episode."""
-        self._begin(None)
-
-    def _begin(self, seed: int | None) -> None:
+    def repeat(self, seed: int | None = None) -> None:
+        """Go back to the start of the present episode, or to that of a seed."""
         self.session.reset(seed)
         self.message = ""
         self.sample()
@@ -223,7 +219,7 @@ class Episode:
             self.world.step(steps)
         except UnstableError as error:
             self.message = str(error)
-            _log.warning("episode of %s: %s", self.scenario.name, self.message)
+            logging.getLogger("mjsheaf").warning("episode of %s: %s", self.scenario.name, self.message)
             return
         self.sample()
 
@@ -289,7 +285,8 @@ class Episode:
 
     def present_state(self) -> dict[str, Any]:
         """Return all that a copy of the episode has of its own; see `continue_from`."""
-        names = ("begun", "message", "_observations", "_rewards", *_SPACES)
+        # The spaces of a `FlatEpisode` draw samples from generators of their own.
+        names = ("begun", "message", "_observations", "_rewards", "action_spaces", "observation_spaces")
         return {"state": self.state(), **{name: self.__dict__[name] for name in names if name in self.__dict__}}
 
     def continue_from(self, present: Mapping[str, Any]) -> None:
@@ -339,16 +336,6 @@ def _copy(kind: type[Episode], scenario: Scenario, options: dict[str, Any], pres
     episode = kind(scenario, **options)
     episode.continue_from(present)
     return episode
-
-
-def _action_limits(scenario: Scenario) -> Array:
-    """The largest action of each agent, shape (N,), m/s; see `Episode.action_limits`."""
-    system = scenario.whole
-    N = len(system.team.agents)
-    limits = system.law.limit[:N].copy()
-    speed = of_each(system.vehicles[:N], lambda vehicle: capability_of(vehicle).forward_speed)
-    limits = np.where(np.isfinite(limits), limits, speed)
-    return np.where(np.isfinite(limits) & (limits > 0.0), limits, DEFAULT_ACTION_LIMIT)
 
 
 def scaled(action: Array, bounds: Array) -> Array:

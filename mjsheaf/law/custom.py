@@ -294,13 +294,6 @@ def is_finite(velocity):
     return abs(velocity[0]) + abs(velocity[1]) + abs(velocity[2]) < np.inf
 
 
-@inline_jit
-def require_finite(was_finite, velocity):
-    """Raise an InputError if a velocity (3,) is not finite, and was before."""
-    if was_finite and not is_finite(velocity):
-        raise InputError("the velocity that it commands is not finite")
-
-
 def _for_each_agent(function: Any) -> Any:
     """Return a compiled function that evaluates a term for each of its agents."""
 
@@ -310,7 +303,8 @@ def _for_each_agent(function: Any) -> Any:
             evaluated[0], evaluated[1], evaluated[2] = term.number, v, t
             was_finite = is_finite(command[v]) and is_finite(residual[v])
             function(residual[v], command[v], memory[v], term.parameters, term.period)
-            require_finite(was_finite, command[v])
+            if was_finite and not is_finite(command[v]):
+                raise InputError("the velocity that it commands is not finite")
 
     return evaluate
 

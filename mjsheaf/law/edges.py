@@ -210,11 +210,10 @@ class Slopes(NamedTuple):
     free: bool
 
 
-_STEEPER = 2.0  # largest 1 / |z| that rounds count, over that at the initial q*
-
-
-def bound_slopes(team: Team, positions: Array) -> Slopes | None:
+def bound_slopes(team: Team, positions: Array, *, steeper: float = 2.0) -> Slopes | None:
     """Bound H of the present agents of a team whose members begin at padded positions (V, 3), m.
+
+    The largest 1 / |z| that rounds count is `steeper` times that at the initial q*.
 
     Absent agents have no q*, and measure at no edge.
 
@@ -228,7 +227,7 @@ def bound_slopes(team: Team, positions: Array) -> Slopes | None:
     steepest = []
     changed = {}
     for edge, local in zip(team.measuring_edges, shape.measuring_edges, strict=True):
-        ratio = _STEEPER * edge.weight[0, 0] / local.weight[0, 0] if edge.measures == "bearing" else 1.0
+        ratio = steeper * edge.weight[0, 0] / local.weight[0, 0] if edge.measures == "bearing" else 1.0
         steepest.append(ratio)
         linear = replace(edge, measures="position", weight=ratio * edge.weight, offset=np.zeros(len(edge.F_tail)))
         changed[id(edge)] = linear
@@ -305,7 +304,6 @@ def disturb(kinds, link, edges, first, end, draw, y):
 SILENT, HELD, NEW = 0.0, 1.0, 2.0
 """Reception of an edge at a sample: nothing, the last measurement held, or a new one."""
 
-_MOST_NUMBERS = 100_000_000  # in delay lines
 _STILL = 1e-9  # m in a period: no direction of motion
 
 LINK = np.dtype(
@@ -390,45 +388,10 @@ def new_link_memory(links: LinkArrays, m: int, line: Array, take: Take) -> LinkM
     return LinkMemory(take(L), take(L), take(L), take(m), walked, take((V, 4)), take((V, 3)), line)
 
 
-class LinkedRows(NamedTuple):
-    """A link in the memory of a phase.
-
-    Attributes:
-        memory: Memory of the links.
-        number: Number of the link.
-        link: The link, of the type LINK.
-        rows: Rows of the edge's numbers y_e.
-    """
-
-    memory: LinkMemory
-    number: int
-    link: Any
-    rows: slice
-
-    @property
-    def line(self) -> Array:
-        """The delay line, shape (delay + 1, width)."""
-        size = (self.link["delay"] + 1) * self.link["width"]
-        return self.memory.line[self.link["place"] :][:size].reshape(-1, self.link["width"])
-
-
-def carry_link(old: LinkedRows, new: LinkedRows, sample: int) -> None:
-    """Copy what is under way and what was received last to the same edge's link in the phase that begins at a sample.
-
-    Feedforward needs the displacement of every sample: nothing is copied from a line without it to one with it.
-    """
-    if new.link["moves"] > old.link["moves"]:
-        return
-    delays = [int(one.link["delay"]) for one in (old, new)]
-    under_way = old.line[old.line[:, 0] > sample - min(delays)]
-    new.line[(under_way[:, 0].astype(np.int64) - 1) % len(new.line)] = under_way[:, : new.link["width"]]
-    before, now = old.memory, new.memory
-    now.state[new.number] = before.state[old.number]
-    if before.last[old.number] > 0.0:
-        now.last[new.number] = before.last[old.number] + delays[1] - delays[0]  # the age counts from the arrival
-    now.y[new.rows] = before.y[old.rows]
-    if new.link["moves"]:
-        now.walked[new.rows] = before.walked[old.rows]
+def line_of(memory: LinkMemory, link: np.void) -> Array:
+    """Return the delay line of a link of the type LINK, shape (delay + 1, width)."""
+    size = (link["delay"] + 1) * link["width"]
+    return memory.line[link["place"] :][:size].reshape(-1, link["width"])
 
 
 class LinkedEdge(NamedTuple):
@@ -444,11 +407,6 @@ class LinkedEdge(NamedTuple):
     def stream(self) -> tuple[int, int]:
         """Stream of its random numbers, by its ends: the same wherever the edge stands."""
         return stream_of(self.kind, self.edge.tail, self.edge.head, self.nth)
-
-    @property
-    def turns(self) -> bool:
-        """True if measurements depend on the attitude of the tail."""
-        return self.link.bearing and not self.link.exact and len(self.edge.F_tail) == 3
 
 
 def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
@@ -470,27 +428,19 @@ def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
                     link = links.resolve(kind, edge.link)
             if edge.measures != "position":
                 with in_field(f"{kind}.{k}, {edge}"):
-                    link = _of_curved(edge, link)
+                    if link.bearing:
+                        raise InputError(
+                            f"sensor range_bearing measures positions, and the edge a {edge.measures}; expected noise, "
+                            "or sensor: {kind: exact}"
+                        )
+                    if edge.measures == "bearing" and link.bias:
+                        raise InputError(
+                            "bias: expected none on an edge that measures a bearing, which has no number to add it to"
+                        )
+            if edge.measures == "bearing":
+                link = link._replace(noise=float(np.deg2rad(link.noise)))  # given in degrees
             found.append(LinkedEdge(kind, k, met[ends], edge, link))
     return found
-
-
-def _of_curved(edge: Edge, link: LinkModel) -> LinkModel:
-    """Return the link of a range or bearing edge, with noise in its unit: rad for a bearing, given in degrees.
-
-    Raises:
-        InputError: a sensor of positions, or a bias of a bearing.
-    """
-    if link.bearing:
-        raise InputError(
-            f"sensor range_bearing measures positions, and the edge a {edge.measures}; expected noise, or "
-            "sensor: {kind: exact}"
-        )
-    if edge.measures == "range":
-        return link
-    if link.bias:
-        raise InputError("bias: expected none on an edge that measures a bearing, which has no number to add it to")
-    return link._replace(noise=float(np.deg2rad(link.noise)))
 
 
 def pack_links(
@@ -520,7 +470,12 @@ def pack_links(
         InputError: a delay is no whole number of periods, the period is 0, or a sensor does not fit an edge's maps; the
             message begins with the field.
     """
-    _require_delays(team, links, period)
+    sections = [(f"links.{name}", getattr(links, name)) for name in ("all", *KINDS)]
+    sections += [(f"{kind}.{k}", edge.link) for kind in KINDS for k, edge in enumerate(getattr(team, kind))]
+    for field, section in sections:
+        if section is not None and section.delay and period > 0.0:
+            with in_field(f"{field}.delay"):
+                whole_periods(section.delay, period)
     present = linked_edges(team, links)
     ever = linked_edges(run or team, links)
     if all(one.link.exact for one in ever):
@@ -534,12 +489,14 @@ def pack_links(
     of[table["edge"]] = np.arange(len(table))
     half = 0.5 * (np.zeros(len(team.members)) if heading is None else heading)
     facing = np.column_stack([np.cos(half), 0.0 * half, 0.0 * half, np.sin(half)])
+    # Measurements of these depend on the attitude of the tail.
+    turning = any(one.link.bearing and not one.link.exact and len(one.edge.F_tail) == 3 for one in ever)
     return LinkArrays(
         present=(1,),
         table=as_records(table),
         of=of,
         lift=np.array([height if member.dimension == 2 else 0.0 for member in team.members]),
-        facing=facing if any(one.turns for one in ever) else np.zeros((0, 4)),
+        facing=facing if turning else np.zeros((0, 4)),
         size=size,
         odometry=feedforward,
         start=start,
@@ -569,7 +526,7 @@ def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -
             "moves": moves,
             "random": link.random,
             "lossy": link.lossy,
-            "bursts": link.bursts,
+            "bursts": link.loss_good != link.loss_bad,
             "stream": one.stream,
             "delay": delay,
             "hold": int(min(link.hold / period + 1e-6, 1e9)),
@@ -581,22 +538,10 @@ def _pack_table(edges: Sequence[LinkedEdge], period: float, feedforward: bool) -
     return np.array(rows, dtype=LINK), size
 
 
-def require_held(numbers: int) -> None:
+def require_held(numbers: int, *, most: int = 100_000_000) -> None:
     """Raise an InputError if delay lines cannot store this many numbers."""
-    if numbers > _MOST_NUMBERS:
-        raise InputError(f"delay lines hold more than {_MOST_NUMBERS} numbers; expected shorter delays")
-
-
-def _require_delays(team: Team, links: Links, period: float) -> None:
-    """Raise an InputError that names the section whose delay is no whole number of periods."""
-    sections = [(f"links.{name}", getattr(links, name)) for name in ("all", *KINDS)]
-    for kind in KINDS:
-        edges: Sequence[Edge] = getattr(team, kind)
-        sections += [(f"{kind}.{k}", edge.link) for k, edge in enumerate(edges)]
-    for field, section in sections:
-        if section is not None and section.delay and period > 0.0:
-            with in_field(f"{field}.delay"):
-                whole_periods(section.delay, period)
+    if numbers > most:
+        raise InputError(f"delay lines hold more than {most} numbers; expected shorter delays")
 
 
 @jit
@@ -689,7 +634,17 @@ def take_in(law, link, k, n, slot, y, terms, memory):
         if link.moves > 0:
             if law.terms.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
                 periods = n + 1.0 - last  # odometry has gone on since the last was measured
-            receive_velocity(law, first, end, slot, periods, terms.rate, memory)
+            # A mean over some periods has their share in the filter, which begins at rest: else noise, which cancels in
+            # the sum of differences, would add up. The next one needs the displacement up to this sample too.
+            share = 1.0 - (1.0 - law.terms.measured) ** periods
+            for r in range(first, end):
+                walked = slot[1 + end - first + r - first]
+                if periods > 0.0:
+                    moved = (slot[1 + r - first] + walked) - (memory.y[r] + memory.walked[r])
+                    terms.rate[r] += share * (moved / (periods * law.links.period) - terms.rate[r])
+                elif law.terms.agents > 0:
+                    terms.rate[r] = 0.0
+                memory.walked[r] = walked
         for r in range(first, end):
             memory.y[r] = slot[1 + r - first]
         memory.last[k] = n + 1.0
@@ -706,24 +661,6 @@ def next_state(state, chance, to_bad, to_good, begins_bad):
     if state == 2.0:
         return 1.0 if chance < to_good else 2.0
     return 2.0 if chance < to_bad else 1.0
-
-
-@inline_jit
-def receive_velocity(law, first, end, slot, periods, rate, memory):
-    """Mix the velocity that a sample implies over the given periods into the old one; 0 periods begin the filter anew.
-
-    It has that many periods' share in the filter, which begins at rest: else noise, which cancels in the sum of
-    differences, would add up. The sample also has the displacement up to it, which the next one needs.
-    """
-    share = 1.0 - (1.0 - law.terms.measured) ** periods
-    for r in range(first, end):
-        y, walked = slot[1 + r - first], slot[1 + end - first + r - first]
-        if periods > 0.0:
-            moved = (y + walked) - (memory.y[r] + memory.walked[r])
-            rate[r] += share * (moved / (periods * law.links.period) - rate[r])
-        elif law.terms.agents > 0:
-            rate[r] = 0.0
-        memory.walked[r] = walked
 
 
 @inline_jit

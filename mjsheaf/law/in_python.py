@@ -413,40 +413,26 @@ class PerAgent:
                     running[i] = found
                 else:
                     _put(velocity[i], found)
-        received: list[Mapping[str, Array]] | list[None] = [None] * len(ids)
+        received: Sequence[Mapping[str, Array] | None] = [None] * len(ids)
         while running:
-            sent = self._take_round(running, received, velocity)
-            if sent:
-                received = _exchange(sample, sent)
+            sent: dict[int, Array] = {}
+            for i, law in list(running.items()):
+                with _naming(ids[i]):
+                    try:
+                        sent[i] = np.atleast_1d(real_numbers(law.send(received[i])))
+                    except StopIteration as done:
+                        del running[i]
+                        _put(velocity[i], done.value)
+            if not sent:
+                break
+            if len(sent) != len(ids):
+                silent = next(ids[i] for i in range(len(ids)) if i not in sent)
+                raise InputError(f"{silent} has no numbers for a round in which others exchange; all agents must yield")
+            sizes = {values.shape for values in sent.values()}
+            if len(sizes) > 1:
+                raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}; expected one shape")
+            received = sample.exchange(np.stack([sent[i] for i in range(len(ids))]))
         return velocity
-
-    def _take_round(self, running: dict[int, Any], received: Sequence[Any], velocity: Array) -> dict[int, Array]:
-        """Resume running generators with the messages received; drop those that end, and return the messages sent."""
-        sent: dict[int, Array] = {}
-        for i, law in list(running.items()):
-            with _naming(self._team.agent_ids[i]):
-                try:
-                    sent[i] = np.atleast_1d(real_numbers(law.send(received[i])))
-                except StopIteration as done:
-                    del running[i]
-                    _put(velocity[i], done.value)
-        return sent
-
-
-def _exchange(sample: Sample, sent: dict[int, Array]) -> list[Mapping[str, Array]]:
-    """Send the numbers of each agent to its neighbours.
-
-    Raises:
-        InputError: An agent has none, or their shapes differ.
-    """
-    ids = sample.team.agent_ids
-    if len(sent) != len(ids):
-        silent = next(ids[i] for i in range(len(ids)) if i not in sent)
-        raise InputError(f"{silent} has no numbers for a round in which others exchange; all agents must yield")
-    sizes = {values.shape for values in sent.values()}
-    if len(sizes) > 1:
-        raise InputError(f"agents exchange values of unlike shapes {sorted(sizes)}; expected one shape")
-    return list(sample.exchange(np.stack([sent[i] for i in range(len(ids))])))
 
 
 def _put(row: Array, value: Any) -> None:

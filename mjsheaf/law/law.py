@@ -37,12 +37,11 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.law.custom import add_custom, carry_custom, names_of, new_custom_memory
 from mjsheaf.law.edges import (
     LinkArrays,
-    LinkedRows,
     LinkMemory,
     OffsetRamp,
-    carry_link,
     compare,
     deliver,
+    line_of,
     move_offsets,
     new_link_memory,
     pack_kinds,
@@ -92,10 +91,6 @@ class EdgeArrays(NamedTuple):
     kinds: Any = ()
     ramp: Any = ()
 
-    def renumbered(self, number: IntArray) -> "EdgeArrays":
-        """Return the same edges between other vehicles, where vehicle v of these is number[v]."""
-        return self._replace(tail=number[self.tail], head=number[self.head])
-
 
 class LawArrays(NamedTuple):
     """The law of V vehicles, the first N of them agents.
@@ -132,7 +127,7 @@ class LawArrays(NamedTuple):
         number = np.zeros(len(self.gain), dtype=np.int64)
         number[rows] = np.arange(len(rows))
         return self._replace(
-            edges=self.edges.renumbered(number),
+            edges=self.edges._replace(tail=number[self.edges.tail], head=number[self.edges.head]),
             gain=self.gain[rows],
             limit=self.limit[rows],
             terms=self.terms.selected(rows[:agents]),
@@ -153,7 +148,9 @@ class LawArrays(NamedTuple):
     @property
     def random(self) -> bool:
         """Return True if the law uses random numbers."""
-        return bool(self.links.table["random"].any()) or self.terms.noisy or self.terms.rounds.lossy
+        terms = self.terms
+        noisy = terms.noise > 0.0 and (terms.feedforward > 0 or terms.drift > 0.0)
+        return bool(self.links.table["random"].any()) or noisy or terms.rounds.loss.lossy
 
 
 class ControlArrays(NamedTuple):
@@ -305,23 +302,34 @@ def _names(edges: EdgeArrays) -> Iterator[tuple[int, int, bool, int]]:
 
 def _carry_links(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, kept: IntArray, sample: int) -> None:
     """Carry what links hold, also of edges that have one in one of two phases only: see `carry`."""
-    if len(memory.links.attitude) == len(new.links.attitude):  # sensors need it in both phases, or in neither
-        new.links.attitude[:] = memory.links.attitude
-        new.links.before[:] = memory.links.before
+    before, now = memory.links, new.links
+    if len(before.attitude) == len(now.attitude):  # sensors need it in both phases, or in neither
+        now.attitude[:] = before.attitude
+        now.before[:] = before.before
     for e in np.flatnonzero(kept >= 0).tolist():
-        before = int(kept[e])
-        linked, linked_now = link_of(old, before), link_of(law, e)
-        was, rows = slice(*old.edges.first[before : before + 2]), slice(*law.edges.first[e : e + 2])
-        if linked >= 0 and linked_now >= 0:
-            was_linked = LinkedRows(memory.links, linked, old.links.table[linked], was)
-            carry_link(was_linked, LinkedRows(new.links, linked_now, law.links.table[linked_now], rows), sample)
-        elif linked_now >= 0 and sample > 0 and not law.links.table[linked_now]["delay"]:
-            new.links.last[linked_now] = sample
-            new.links.y[rows] = memory.y[was]
-            if law.links.table[linked_now]["moves"] and old.terms.agents:
-                new.links.walked[rows] = old.edges.F_tail[was] @ memory.terms.walked[old.edges.tail[before]]
-        elif linked >= 0 and linked_now < 0 and law.terms.agents and old.terms.agents:
-            fresh = old.links.table[linked]["delay"] == 0 and memory.links.last[linked] == sample
+        earlier = int(kept[e])
+        k, k_now = link_of(old, earlier), link_of(law, e)
+        was, rows = slice(*old.edges.first[earlier : earlier + 2]), slice(*law.edges.first[e : e + 2])
+        if k >= 0 and k_now >= 0:
+            link, link_now = old.links.table[k], law.links.table[k_now]
+            if link_now["moves"] > link["moves"]:  # feedforward needs the displacement of every sample
+                continue
+            line, line_now = line_of(before, link), line_of(now, link_now)
+            under_way = line[line[:, 0] > sample - min(link["delay"], link_now["delay"])]
+            line_now[(under_way[:, 0].astype(np.int64) - 1) % len(line_now)] = under_way[:, : link_now["width"]]
+            now.state[k_now] = before.state[k]
+            if before.last[k] > 0.0:  # the age counts from the arrival
+                now.last[k_now] = before.last[k] + link_now["delay"] - link["delay"]
+            now.y[rows] = before.y[was]
+            if link_now["moves"]:
+                now.walked[rows] = before.walked[was]
+        elif k_now >= 0 and sample > 0 and not law.links.table[k_now]["delay"]:
+            now.last[k_now] = sample
+            now.y[rows] = memory.y[was]
+            if law.links.table[k_now]["moves"] and old.terms.agents:
+                now.walked[rows] = old.edges.F_tail[was] @ memory.terms.walked[old.edges.tail[earlier]]
+        elif k >= 0 and k_now < 0 and law.terms.agents and old.terms.agents:
+            fresh = old.links.table[k]["delay"] == 0 and before.last[k] == sample
             new.terms.age[rows] = 2.0 * fresh  # else the difference to the next measurement means nothing
 
 

@@ -87,11 +87,6 @@ class RoundArrays(NamedTuple):
         """Return True if a message can be delayed or lost."""
         return bool(self.present)
 
-    @property
-    def lossy(self) -> bool:
-        """Return True if a message can be lost at random."""
-        return self.loss.lossy
-
     def settling(self, rounds: int, low: float) -> float:
         """Fraction of the slowest error that the rounds of one period remove, nearly; `low` bounds H from below."""
         if self.stiffest == 0.0:  # no edge is left
@@ -126,12 +121,6 @@ def new_lines(rounds: RoundArrays, first: IntArray, take: Take) -> tuple[Array, 
     """Return `stamps` and `line` of a RoundMemory before the first sample; edges' numbers begin at `first`."""
     C, slots = len(rounds.streams), rounds.delay + 1
     return take((slots, 2, 2, C)), take((slots, 2, 2, int(first[C])))
-
-
-def new_round_memory(rounds: RoundArrays, first: IntArray, lines: tuple[Array, Array], take: Take) -> RoundMemory:
-    """Return the memory of rounds before the first sample, with the messages under way of `new_lines`."""
-    C = len(rounds.streams)
-    return RoundMemory(take(C), take((2, 2, C)), take((2, 2, int(first[C]))), *lines)
 
 
 def carry_rounds(old: RoundMemory, new: RoundMemory, edges: IntArray, rows: IntArray, sample: int) -> None:
@@ -225,7 +214,10 @@ def relax(edges, rounds, steepest, seed, n, term, count, first, b, y, x, positio
         if len(edges.kinds) > 0:
             subtract_own(edges, steepest, y, N, b, x, residue)
         else:
-            subtract_fixed(rounds.own, b, x, residue)
+            for v in range(N):
+                D = rounds.own[v]
+                for i in range(3):
+                    residue[v, i] = b[v, i] - (D[i, 0] * x[v, 0] + D[i, 1] * x[v, 1] + D[i, 2] * x[v, 2])
         receive(edges, rounds, steepest, n, term, y, x, memory, residue)
         for v in range(N):
             r, inverse = residue[v], rounds.inverse[v]
@@ -252,15 +244,6 @@ def send(edges, rounds, seed, n, term, k, x, positions, memory):
             F, own = (edges.F_head, x[head]) if end else (edges.F_tail, x[tail])
             for r in range(edges.first[e], edges.first[e + 1]):
                 memory.line[slot, term, end, r] = F[r, 0] * own[0] + F[r, 1] * own[1] + F[r, 2] * own[2]
-
-
-@inline_jit
-def subtract_fixed(own, b, x, residue):
-    """Write b - D x of every agent into the residue (V, 3), with its D in `own` (N, 3, 3)."""
-    for v in range(own.shape[0]):
-        D = own[v]
-        for i in range(3):
-            residue[v, i] = b[v, i] - (D[i, 0] * x[v, 0] + D[i, 1] * x[v, 1] + D[i, 2] * x[v, 2])
 
 
 @inline_jit
@@ -332,8 +315,6 @@ def _sent(arrived, number, row, own):
     """Return a number that a neighbour sent last, or F x of the receiver if nothing ever came."""
     return number if arrived else row[0] * own[0] + row[1] * own[1] + row[2] * own[2]
 
-
-_SETTLED = 1e-3  # of an error: what rounds leave of it once v may be extrapolated
 
 _ROUNDS = "exchanges a control period; in each, the ends of every communication edge send each other F x [-]"
 Rounds = Annotated[int, Field(ge=1, le=1000)]
@@ -459,11 +440,6 @@ class TermArrays(NamedTuple):
         return self._replace(present=self.present[: len(agents)], agents=len(agents), **by_agent)
 
     @property
-    def noisy(self) -> bool:
-        """Return True if odometry has noise."""
-        return self.noise > 0.0 and (self.feedforward > 0 or self.drift > 0.0)
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Those that are on."""
         amounts = {name: getattr(self, name) for name in ("feedforward", "newton", "drift", "integral")}
@@ -524,7 +500,8 @@ def new_term_memory(terms: TermArrays, first: IntArray, V: int, lines: tuple[Arr
     any = int(terms.agents > 0)
     m, V = any * int(first[-1]), any * V
     by_number, by_vehicle = [take(m) for _ in range(3)], [take(V), *(take((V, 3)) for _ in range(11))]
-    sent = new_round_memory(terms.rounds, first, lines, take)
+    C = len(terms.rounds.streams)
+    sent = RoundMemory(take(C), take((2, 2, C)), take((2, 2, int(first[C]))), *lines)
     return TermMemory._make([take(any), *by_number, *by_vehicle, sent])
 
 
@@ -621,13 +598,13 @@ def pack_terms(
     return packed if team.directed else with_eigenvalues(packed, *team.dirichlet.eigenvalues)
 
 
-def with_eigenvalues(terms: TermArrays, low: float, high: float) -> TermArrays:
-    """The terms, with bounds on the eigenvalues of H."""
+def with_eigenvalues(terms: TermArrays, low: float, high: float, *, settled: float = 1e-3) -> TermArrays:
+    """The terms, with bounds on the eigenvalues of H; v may be extrapolated once rounds leave `settled` of an error."""
     left = contraction(terms.feedforward, low, high)
     if terms.rounds.imperfect:
         left = 1.0 - terms.rounds.settling(terms.feedforward, low)
-    settled = int(np.ceil(np.log(_SETTLED) / np.log(left))) if 0.0 < left < 1.0 else 1
-    return terms._replace(eigenvalues=(float(low), float(high)), settled=settled)
+    samples = int(np.ceil(np.log(settled) / np.log(left))) if 0.0 < left < 1.0 else 1
+    return terms._replace(eigenvalues=(float(low), float(high)), settled=samples)
 
 
 def contraction(rounds: int, low: float, high: float) -> float:

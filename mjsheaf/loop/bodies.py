@@ -65,7 +65,7 @@ from mjsheaf.vehicles.actuators import (
 from mjsheaf.vehicles.allocation import allocate_nearest
 from mjsheaf.vehicles.effects import is_one_sided, turning_of
 from mjsheaf.vehicles.steering import drag_force
-from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle
+from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle, kinds_of
 
 # Body axes, about the origin of the body frame.
 KIND = np.dtype(
@@ -182,13 +182,6 @@ class Sensed(NamedTuple):
     quaternion: tuple[float, ...]
     velocity: tuple[float, ...]
     rates: tuple[float, ...]
-
-
-def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:
-    """The vehicle of each kind, in the order of KINDs, and the kind of each vehicle, shape (V,)."""
-    kinds = {id(vehicle): vehicle for vehicle in vehicles}
-    number = {key: k for k, key in enumerate(kinds)}
-    return list(kinds.values()), np.array([number[id(vehicle)] for vehicle in vehicles], dtype=np.int64)
 
 
 def pack_fleet(

@@ -26,12 +26,14 @@ if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
 
 
-_PIECE = 2**16  # of vehicles and samples, their product: a few megabytes of results
+def samples_in_piece(system: System, *, numbers: int = 2**16) -> int:
+    """Return the number of samples in a chunk, chosen so that memory does not grow with the length of a run.
 
-
-def samples_in_piece(system: System) -> int:
-    """Return the number of samples in a chunk, chosen so that memory does not grow with the length of a run."""
-    return max(16, min(2048, _PIECE // len(system.team.members)))
+    Args:
+        system: The system.
+        numbers: Product of vehicles and samples: a few megabytes of results.
+    """
+    return max(16, min(2048, numbers // len(system.team.members)))
 
 
 READERS: dict[str, tuple[Any, int]] = {}
@@ -272,9 +274,11 @@ class Engine(ABC):
         steps_per_sample: Steps between samples.
         controller: Law in Python that is in control, or None.
         scenario: Scenario of the run, with its seed; None if the run was not made from one.
+        memory: Values that onboard computers hold since the law's last evaluation; a phase with other edges has others.
     """
 
     system: System
+    memory: Memory
     steps_per_sample: int
     _control: ControlArrays  # of the present phase
     _timestep: float  # s
@@ -359,11 +363,6 @@ class Engine(ABC):
             self.controller.reset(self._view.shown)
 
     # -- for subclasses ------------------------------------------------------------------------------------------------
-
-    @property
-    @abstractmethod
-    def memory(self) -> Memory:
-        """Values that onboard computers hold; a phase with other edges has others."""
 
     @abstractmethod
     def _control_of(self, system: System) -> ControlArrays:
@@ -561,7 +560,10 @@ class Engine(ABC):
         while remaining > 0:
             remaining -= self._advance(min(remaining, self._chunk), recorder)
             yield
-        self._keep(positions[: len(positions) - to_the_end])
+        before_now = positions[: len(positions) - to_the_end]
+        if len(before_now) and not self.controller:
+            self._observed = -1
+            self._now = before_now[-1, : len(self._now)].copy()
         if to_the_end:
             self._enter_phase()
             self._place_targets(recorder)
@@ -650,12 +652,6 @@ class Engine(ABC):
             self._before = self._now
         self._now = q.copy()
         return np.asarray(q - self._before)
-
-    def _keep(self, positions: Array) -> None:
-        """Keep where the agents were at the last of the samples before now; positions have the shape (T, V, 3), m."""
-        if len(positions) and not self.controller:
-            self._observed = -1
-            self._now = positions[-1, : len(self._now)].copy()
 
     def _consult(self) -> None:
         """Call the law in Python, if there is one, and supply the velocities that it returns."""

@@ -39,11 +39,11 @@ from mjsheaf.errors import InputError
 from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.law import look, unlook
 from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes, pack_rigid
-from mjsheaf.loop.bodies import kinds_of
 from mjsheaf.loop.engine import Recorder, new_log
 from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, Params, begin_span, blow_up_of, map_seeded, run_law
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.team import Team
+from mjsheaf.vehicles.vehicle import kinds_of
 
 _MOST_NUMBERS = 50_000  # of a loop whose vehicles Python commands: some 150 vehicles
 _WORTH_A_THREAD = 25_000  # vehicles times steps between two evaluations of the law: a round takes 0.2 ms
@@ -390,11 +390,12 @@ class SquareErrors:
         team: The team.
     """
 
-    def __init__(self, team: Team) -> None:
+    def __init__(self, team: Team, *, most: int = 12_000_000) -> None:
+        """Prepare for a team; q* of linear edges takes a matrix of at most `most` numbers, else a solver."""
         self.team = team
         agents = int(team.first_state[-1])
         targets = len(team.slots) - agents
-        self._linear = team.plain and team.ramp is None and agents * targets <= _MAX_CARRIED
+        self._linear = team.plain and team.ramp is None and agents * targets <= most
         if self._linear:
             self._rest = team.extend(np.zeros(targets))
             self._carry = team.extend(np.eye(targets)) - self._rest
@@ -411,6 +412,3 @@ class SquareErrors:
             else self.team.extend(p, q, time=time)
         )
         return np.add.reduceat((goal - q) ** 2, self.team.first_state[:-1], axis=-1)
-
-
-_MAX_CARRIED = 12_000_000  # of what carries targets to q*

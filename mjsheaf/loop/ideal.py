@@ -314,7 +314,7 @@ class Ideal(Engine):
     def _enter(self) -> None:
         system = self.system
         before = self._count, self._x, self._surplus
-        _, (moving, memory) = lay_out(self._new_state)
+        _, (moving, self.memory) = lay_out(self._new_state)
         for own, value in zip(moving, before, strict=True):
             own[:] = value
         self._count, self._x, self._surplus = moving
@@ -323,7 +323,7 @@ class Ideal(Engine):
             system.effectiveness,
             system.tolerance,
             system.grid.period,
-            memory,
+            self.memory,
             self._surplus,
             system.station,
         )
@@ -333,11 +333,6 @@ class Ideal(Engine):
     def _new_log(self, samples: int) -> Log:
         inputs = len(self.system.team.agents), self.system.effectiveness.pinv.shape[1]
         return new_log(samples, self._control.law, inputs=inputs)
-
-    @property
-    def memory(self) -> Memory:
-        """Values that onboard computers hold; a phase with other edges has others."""
-        return self._integrator.memory
 
     def _control_of(self, system: System) -> ControlArrays:
         return system.control

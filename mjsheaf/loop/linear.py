@@ -32,17 +32,7 @@ from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.vehicle import Vehicle
 
 _PROBE = 1e-6  # m, rad, m/s, rad/s; and, times the mass, of a thruster's force in N: half of what is differenced
-_LEAST_THRUST = 1e3 * _PROBE  # m/s^2: what differences about a thrust change of it is small above that
 _ROUNDING = 1e-9  # entries of the difference quotients below it are rounding: 1e-16 m over the probe
-_NEUTRAL = 1e-5  # 1/s: a singular value of the rates below it is a direction in which nothing holds or drives
-_STILL = 1e-7  # m/s, m/s^2, ...: rates of an equilibrium
-_NEWTON_STEPS = 20
-_SETTLE_TIME = 20.0  # s; duration of the simulation before Newton's second attempt
-_MOST_SETTLE_STEPS = 10_000
-_STEADY = 1e-4  # of the commanded velocity: a response that varies less is steady
-_LEAST_RESPONSES, _MOST_RESPONSES = 64, 10_000
-_OVERSHOOT = 1.005  # of tau: less than that is how MuJoCo integrates
-_WAYS = 64  # instants after the command to stop at which the way is computed
 
 
 @dataclass(frozen=True)
@@ -104,23 +94,26 @@ def linearise(
     return [why if why else _over(model, steps) for why, model in zip(found, models, strict=True)]
 
 
-def step_responses(model: LinearVehicle, period: float) -> Array:
+def step_responses(
+    model: LinearVehicle, period: float, *, steady: float = 1e-4, least: int = 64, most: int = 10_000
+) -> Array:
     """Compute the mean velocity in each period after steps of the commands, shape (K, n, n), until it is steady.
 
-    Column i answers a step of command i. Without a steady velocity K is what there is room for.
+    Column i answers a step of command i. K is from `least` to about `most`. Responses that vary by less than `steady`
+    of the commanded velocity are steady.
     """
     x = np.zeros_like(model.B)
     responses: list[Array] = []
     moving = np.inf
-    while moving > _STEADY and len(responses) < _MOST_RESPONSES:
-        for _ in range(max(_LEAST_RESPONSES, len(responses))):
+    while moving > steady and len(responses) < most:
+        for _ in range(max(least, len(responses))):
             responses.append((model.C @ x + model.D) / period)
             x = model.A @ x + model.B
         moving = float(np.abs(np.array(responses[len(responses) // 2 :]) - responses[-1]).max())
     return np.array(responses)
 
 
-def stopping_time(model: LinearVehicle, period: float) -> float:
+def stopping_time(model: LinearVehicle, period: float, *, instants: int = 64) -> float:
     """Compute the largest distance to a stop over the bound on commanded speeds, in s, for any sequence of commands.
 
     Let S_k be the mean velocity in the k-th period h after a step of the command, and u_j the command in period j. The
@@ -136,25 +129,31 @@ def stopping_time(model: LinearVehicle, period: float) -> float:
     Args:
         model: Linear vehicle.
         period: Time h over which it holds a command, s.
+        instants: Number of instants i after the command to stop at which the way is computed, about.
     """
     S = step_responses(model, period)
     K = len(S)
     S = np.concatenate([S, K * [S[-1]]])
     ahead = np.linalg.norm(S - S[-1], 2, axis=(1, 2)).sum()
-    stride = max(1, K // _WAYS)
+    stride = max(1, K // instants)
     ways = [np.linalg.norm(S[i:] - S[:-i], 2, axis=(1, 2)).sum() for i in range(stride, K, stride)]
     return float(period * max(ahead, *ways))
 
 
-def stopping_times(vehicles: Sequence[Vehicle], control: ControlArrays, timestep: float, steps: int) -> list[float]:
-    """Compute the stopping time of each vehicle, s: tau unless its linear loop overshoots."""
+def stopping_times(
+    vehicles: Sequence[Vehicle], control: ControlArrays, timestep: float, steps: int, *, overshoot: float = 1.005
+) -> list[float]:
+    """Compute the stopping time of each vehicle, s: tau unless its linear loop overshoots.
+
+    A time of less than `overshoot` times tau is how MuJoCo integrates.
+    """
     times = [float(vehicle.reduced_model().tau.max()) for vehicle in vehicles]
     driven = [v for v, vehicle in enumerate(vehicles) if vehicle.actuators]
     points = [HeldPoint(vehicles[v], np.zeros(3), 0.0) for v in driven]
     models = linearise(points, control, timestep, steps) if driven else []
     for v, model in zip(driven, models, strict=True):
         time = 0.0 if isinstance(model, str) else stopping_time(model, steps * timestep)
-        if time > _OVERSHOOT * times[v]:
+        if time > overshoot * times[v]:
             times[v] = time
     return times
 
@@ -218,8 +217,11 @@ class _Bench:
         commands = [-point.medium if point.command is None else point.command for point in points]
         self.command = np.array(commands).reshape(V, 3) * self.controlled
 
-    def settle(self) -> list[str]:
-        """Bring every vehicle to its equilibrium; say for each why there is none, or nothing."""
+    def settle(self, *, least_thrust: float = 1e3 * _PROBE) -> list[str]:
+        """Bring every vehicle to its equilibrium; say for each why there is none, or nothing.
+
+        A thrust of more than `least_thrust` times its mass, m/s^2, changes little where states are differenced.
+        """
         start = self.qpos, self.qvel, self.act, self.command
         unsettled = self._newton()
         if unsettled.any():
@@ -230,7 +232,7 @@ class _Bench:
         reasons = []
         for v, vehicle in enumerate(self.vehicles):
             ctrl = vehicle.by_actuator(self.data.ctrl[self.arena.thruster[v] : self.arena.thruster[v + 1]])
-            least = _LEAST_THRUST * vehicle.mass
+            least = least_thrust * vehicle.mass
             rough = (a.why_rough(u, least) for a, u in zip(vehicle.actuators, ctrl, strict=True))
             reasons.append("it finds no equilibrium" if unsettled[v] else next(filter(None, rough), ""))
         return reasons
@@ -252,11 +254,15 @@ class _Bench:
             models.append(LinearVehicle(*(x[np.ix_(to, of)] for to in (s, u) for of in (s, u))))
         return models
 
-    def _newton(self) -> BoolArray:
-        """Solve x' = x, p' = p for states and commands; return which vehicles have not come to rest, shape (V,)."""
-        for _ in range(_NEWTON_STEPS):
+    def _newton(self, *, steps: int = 20, still: float = 1e-7, neutral: float = 1e-5) -> BoolArray:
+        """Solve x' = x, p' = p for states and commands; return which vehicles have not come to rest, shape (V,).
+
+        Rates below `still`, m/s, m/s^2, ..., are those of an equilibrium. Singular values of the rates below `neutral`,
+        1/s, belong to directions in which nothing holds or drives.
+        """
+        for _ in range(steps):
             rates = self._step(self.still) / self.timestep
-            moving = ~(np.abs(rates).max(axis=1) < _STILL)
+            moving = ~(np.abs(rates).max(axis=1) < still)
             going = moving & np.isfinite(rates).all(axis=1)
             if not going.any():
                 return moving
@@ -265,16 +271,16 @@ class _Bench:
                 one, entries = models[v], np.concatenate(self.entries[v])
                 slope = np.block([[one.A - np.eye(len(one.A)), one.B], [one.C, one.D]]) / self.timestep
                 left, sigma, right = np.linalg.svd(slope)
-                held = sigma > _NEUTRAL
+                held = sigma > neutral
                 corrections[v, entries] = -right[held].T @ ((left[:, held].T @ rates[v, entries]) / sigma[held])
             self.qpos, self.qvel, self.act, self.command = self._moved(corrections)
             self.qpos[:, :3][self.controlled] = 0.0
         return moving
 
-    def _simulate(self) -> None:
-        """Let all vehicles fly or sail under their commands, then put them back to where they began."""
+    def _simulate(self, *, duration: float = 20.0, most_steps: int = 10_000) -> None:
+        """Let all vehicles fly or sail under their commands for a time in s, then put them back to where they began."""
         self._place(self.qpos, self.qvel, self.act, self.command)
-        for _ in range(min(round(_SETTLE_TIME / self.timestep), _MOST_SETTLE_STEPS)):
+        for _ in range(min(round(duration / self.timestep), most_steps)):
             evaluate_forces(*self.compiled, 0.0)
             mujoco.mj_step(self.model, self.data)
         self.qpos, self.qvel = self.data.qpos.reshape(-1, 7).copy(), self.data.qvel.reshape(-1, 6).copy()

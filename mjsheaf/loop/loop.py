@@ -342,6 +342,7 @@ class ClosedLoop(Engine):
     def _go_on(self, loop: Loop) -> None:
         """Continue with a loop."""
         self._loop, self._held, self._count = loop, held(loop), loop.state.steps
+        self.memory = loop.state.memory
 
     def _enter(self) -> None:
         before = self._loop.state
@@ -454,11 +455,6 @@ class ClosedLoop(Engine):
             self._loop.state.ctrl[: len(command)] = command
         else:
             super().add_to_command(command)
-
-    @property
-    def memory(self) -> Memory:
-        """Values that onboard computers hold since the law's last evaluation; a phase with other edges has others."""
-        return self._loop.state.memory
 
     @property
     def command(self) -> Array:

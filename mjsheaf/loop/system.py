@@ -31,7 +31,7 @@ from mjsheaf.media.varying import Bounds, Exposure
 from mjsheaf.team import Team
 from mjsheaf.vehicles.allocation import EffectivenessArrays
 from mjsheaf.vehicles.effects import Effects, capability_of, embody, hold_station, of_each
-from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.vehicles.vehicle import Vehicle, kinds_of
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -200,28 +200,19 @@ class System:
                         f"{name!r} moves in {vehicle.dimension} dimensions, but {member.id} has {member.dimension}; "
                         "see mjsheaf list --vehicles"
                     )
-                if not vehicle.actuators:
-                    self._refuse_to_push(v, name)
+                if not vehicle.actuators and v < len(self.team.agents):
+                    raise InputError(f"{name!r} has no thrusters and cannot be an agent; expected it on a target")
+                if not vehicle.actuators and (self.motion.path[v, 1] > 0 or self.motion.amplitude[v].any()):
+                    raise InputError(
+                        f"{name!r} has no thrusters and cannot follow a path; expected a target with motion adrift, or "
+                        "with none, which drifts"
+                    )
+                if not vehicle.actuators and self.waiting is not None and bool(self.waiting.holds[v]):
+                    raise InputError(
+                        f"{name!r} has no thrusters and cannot stay where it is; expected a target with motion adrift"
+                    )
             vehicles.append(vehicle)
         return vehicles
-
-    def _refuse_to_push(self, v: int, name: str) -> None:
-        """Refuse a vehicle without thrusters as an agent, or as a target that is to follow a path.
-
-        Raises:
-            InputError: it is one.
-        """
-        if v < len(self.team.agents):
-            raise InputError(f"{name!r} has no thrusters and cannot be an agent; expected it on a target")
-        if self.motion.path[v, 1] > 0 or self.motion.amplitude[v].any():
-            raise InputError(
-                f"{name!r} has no thrusters and cannot follow a path; expected a target with motion adrift, or "
-                "with none, which drifts"
-            )
-        if self.waiting is not None and bool(self.waiting.holds[v]):
-            raise InputError(
-                f"{name!r} has no thrusters and cannot stay where it is; expected a target with motion adrift"
-            )
 
     @cached_property
     def steps_per_sample(self) -> int:
@@ -250,13 +241,8 @@ class System:
         """Directions in which q* of the present agents is free, in words; of a team without targets none."""
         from mjsheaf.team.team import describe_null_modes
 
-        return [] if self.team.remaining.free else describe_null_modes(self.determined)
-
-    @property
-    def determined(self) -> Team:
-        """The present agents' team, linearised near q* unless it is linear: its null modes are what q* leaves free."""
         team = self.team.remaining
-        return team if team.plain else self.local.team
+        return [] if team.free else describe_null_modes(team if team.plain else self.local.team)  # linearised near q*
 
     @cached_property
     def control(self) -> ControlArrays:
@@ -391,10 +377,8 @@ class System:
         without thrusters or without a linear model counts with tau.
         """
         steps = max(1, round(_STOP / self.timestep)) if self.grid.continuous else self.steps_per_sample
-        kinds = {id(vehicle): vehicle for vehicle in self.vehicles}
-        times = self.bodies.stopping_times(list(kinds.values()), self.control, self.timestep, steps)
-        by_kind = dict(zip(kinds, times, strict=True))
-        return np.array([by_kind[id(vehicle)] for vehicle in self.vehicles])
+        kinds, number = kinds_of(self.vehicles)
+        return np.array(self.bodies.stopping_times(kinds, self.control, self.timestep, steps))[number]
 
     @cached_property
     def station(self) -> Station:
@@ -538,43 +522,36 @@ class System:
         A target that holds its position moves as one that no medium moves. It is the system itself where no agent is
         absent and no target fixed.
         """
-        return self._without_absent()._with_fixed_at_rest()
-
-    def _with_fixed_at_rest(self) -> "System":
-        """Return the same system with no medium about the vehicles that hold their position, which then stay there."""
-        if self.waiting is None:
-            return self
-        holds, flows = self.waiting.holds, [*self.flows, NO_FLOW]
+        system, team = self, self.team
+        if team.absent:
+            agents = np.flatnonzero(team.present)
+            rows = np.concatenate([agents, np.arange(len(team.agents), len(team.members))])
+            by_vehicle = ("pull", "origin", "amplitude", "rate", "phase", "path", "period")
+            g, plan = self.effectiveness, self.bodies
+            system = replace(
+                self,
+                team=team.remaining,
+                initial=self.initial[rows],
+                law=self.law.selected(rows, len(agents)),
+                motion=self.motion._replace(**{name: getattr(self.motion, name)[rows] for name in by_vehicle}),
+                harmonics=self.harmonics[rows],
+                effectiveness=g._replace(**{name: getattr(g, name)[agents] for name in g._fields}),
+                field=self.field[rows],
+                bodies=replace(plan, vehicle=[plan.vehicle[v] for v in rows], heading=plan.heading[rows]),
+                stopped=None if self.stopped is None else self.stopped[rows],
+                waiting=None if self.waiting is None else Station(*(part[rows] for part in self.waiting)),
+                earlier_medium=np.broadcast_to(self.earlier_medium, len(self.planar))[rows],
+            )
+        if system.waiting is None:
+            return system
+        holds, flows = system.waiting.holds, [*self.flows, NO_FLOW]  # no medium is about them, so they stay there
         return replace(
-            self,
+            system,
             flows=flows,
             flow_names=(*self.flow_names, STILL),
-            field=np.where(holds, len(flows) - 1, self.field),
-            harmonics=np.where(holds[:, None, None], 0.0, self.harmonics),
+            field=np.where(holds, len(flows) - 1, system.field),
+            harmonics=np.where(holds[:, None, None], 0.0, system.harmonics),
             waiting=None,
-        )
-
-    def _without_absent(self) -> "System":
-        """Return the system of the present agents and all targets alone; itself where no agent is absent."""
-        team, g, plan = self.team, self.effectiveness, self.bodies
-        if not team.absent:
-            return self
-        agents = np.flatnonzero(team.present)
-        rows = np.concatenate([agents, np.arange(len(team.agents), len(team.members))])
-        by_vehicle = ("pull", "origin", "amplitude", "rate", "phase", "path", "period")
-        return replace(
-            self,
-            team=team.remaining,
-            initial=self.initial[rows],
-            law=self.law.selected(rows, len(agents)),
-            motion=self.motion._replace(**{name: getattr(self.motion, name)[rows] for name in by_vehicle}),
-            harmonics=self.harmonics[rows],
-            effectiveness=g._replace(**{name: getattr(g, name)[agents] for name in g._fields}),
-            field=self.field[rows],
-            bodies=replace(plan, vehicle=[plan.vehicle[v] for v in rows], heading=plan.heading[rows]),
-            stopped=None if self.stopped is None else self.stopped[rows],
-            waiting=None if self.waiting is None else Station(*(part[rows] for part in self.waiting)),
-            earlier_medium=np.broadcast_to(self.earlier_medium, len(self.planar))[rows],
         )
 
     @cached_property
@@ -699,21 +676,24 @@ def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
 
 def _require_same_run(phase: Phase, first: System) -> None:
     """Refuse a phase that differs from the first in what no phase can change."""
-    for (name, own), (_, wanted) in zip(_fixed(phase.system), _fixed(first), strict=True):
-        if not np.array_equal(own, wanted) if isinstance(own, np.ndarray) else own != wanted:
+    wanted = _fixed(first)
+    for name, own in _fixed(phase.system).items():
+        if not np.array_equal(own, wanted[name]) if isinstance(own, np.ndarray) else own != wanted[name]:
             raise InputError(
                 f"the phase from sample {phase.start} has other {name} than the first; expected the same in all "
                 "phases, which may differ in law, edges, links, motions, medium and effectiveness"
             )
 
 
-def _fixed(system: System) -> Iterator[tuple[str, Any]]:
-    """Yield each part that no phase can change, with its name."""
+def _fixed(system: System) -> dict[str, Any]:
+    """Return each part that no phase can change, by name."""
     plan = system.bodies
-    yield "vehicles (team.members)", system.team.members
-    yield "sample times (grid)", system.grid
-    yield "initial positions (initial)", system.initial
-    yield "vehicle descriptions (bodies.vehicle)", plan.vehicle
-    yield "headings (bodies.heading)", plan.heading
     names = ("time_constant", "effects", "timestep", "contacts", "surface", "surface_height", "engine", "threads")
-    yield from ((f"bodies.{name}", getattr(plan, name)) for name in names)
+    return {
+        "vehicles (team.members)": system.team.members,
+        "sample times (grid)": system.grid,
+        "initial positions (initial)": system.initial,
+        "vehicle descriptions (bodies.vehicle)": plan.vehicle,
+        "headings (bodies.heading)": plan.heading,
+        **{f"bodies.{name}": getattr(plan, name) for name in names},
+    }

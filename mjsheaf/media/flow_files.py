@@ -50,7 +50,6 @@ _DATE = re.compile(
     r"\s*(Z|UTC|GMT|[-+]\d{1,2}:?(\d{2})?)?\s*$",
     re.IGNORECASE,
 )
-_TURNED = 1e-3  # rad; a grid that is turned less has its axes east and north
 
 
 class Grid(NamedTuple):
@@ -345,18 +344,6 @@ def _shown(values: Any) -> str:
     return listed([f"{v:.6g}" if values.dtype.kind in "fiu" else str(v)[:19] for v in values])
 
 
-def _require_none_left(part: "xr.DataArray", dims: tuple[Any, ...]) -> "xr.DataArray":
-    """Return a variable that has no axis but these.
-
-    Raises:
-        InputError: It has another of several values.
-    """
-    for dim in part.dims:
-        if dim not in dims and part.sizes[dim] > 1:
-            _refuse_axis(part, next((str(c) for c in part.coords if part[c].dims == (dim,)), str(dim)))
-    return part.isel({dim: 0 for dim in part.dims if dim not in dims}).transpose(*dims)
-
-
 def _refuse_axis(part: "xr.DataArray", name: str) -> None:
     values = np.arange(part.sizes[name]) if name not in part.coords else np.atleast_1d(_readable(part[name]))
     units = f" in {text_of(part[name], 'units')}" if name in part.coords and text_of(part[name], "units") else ""
@@ -473,14 +460,25 @@ def _read_part(
     x, y, plane = plane_of(data, part, asked.origin)
     axis = _time_axis(part)
     moving = () if axis is None else axis.dims
-    part = _require_none_left(_at_depth(part, asked.depth, medium, notes), (*moving, *y.dims, *x.dims))
+    part, dims = _at_depth(part, asked.depth, medium, notes), (*moving, *y.dims, *x.dims)
+    for dim in part.dims:
+        if dim not in dims and part.sizes[dim] > 1:
+            _refuse_axis(part, next((str(c) for c in part.coords if part[c].dims == (dim,)), str(dim)))
+    part = part.isel({dim: 0 for dim in part.dims if dim not in dims}).transpose(*dims)
     dates = None if axis is None else _dates(_means_at_their_middle(data, part, axis, notes))
     values = part.values.astype(np.float64).reshape(-1, len(plane.y), len(plane.x))
     if to_speed != 1.0:
         values = to_speed * values
     if not np.isfinite(values).any():
         raise InputError("has no values")
-    _require_plausible(values, (x, y, dates), medium)
+    fastest = float(np.nanmax(np.abs(values)))
+    if fastest > FASTEST[medium]:  # most such values stand for missing data
+        k, j, i = np.unravel_index(int(np.nanargmax(np.abs(values))), values.shape)
+        when = "" if dates is None else f" at {str(dates[k])[:19]}"
+        raise InputError(
+            f"is {values[k, j, i]:.4g} m/s{when}, {y.name} {y.values[j]:.6g}, {x.name} {x.values[i]:.6g}; expected at "
+            f"most {FASTEST[medium]:g} m/s: what stands for missing data needs _FillValue, missing_value or valid_range"
+        )
     if len(values) == 1:
         notes.append(
             f"the flow is steady: its file has no times{'' if dates is None else f' but {str(dates[0])[:19]}'}"
@@ -493,20 +491,6 @@ def _read_part(
             )
     values = values[:, rows][:, :, columns]
     return _Part(str(part.name), _seconds(dates, asked.start), plane.x[columns], plane.y[rows], values, plane)
-
-
-def _require_plausible(values: Array, axes: "tuple[xr.DataArray, xr.DataArray, Any]", medium: Medium | None) -> None:
-    """Refuse velocities that no medium has: most stand for missing data."""
-    fastest = float(np.nanmax(np.abs(values)))
-    if fastest <= FASTEST[medium]:
-        return
-    k, j, i = np.unravel_index(int(np.nanargmax(np.abs(values))), values.shape)
-    x, y, dates = axes
-    when = "" if dates is None else f" at {str(dates[k])[:19]}"
-    raise InputError(
-        f"is {values[k, j, i]:.4g} m/s{when}, {y.name} {y.values[j]:.6g}, {x.name} {x.values[i]:.6g}; expected at most "
-        f"{FASTEST[medium]:g} m/s: what stands for missing data needs _FillValue, missing_value or valid_range"
-    )
 
 
 # -- time ----------------------------------------------------------------------------------------------------------
@@ -628,8 +612,10 @@ def _seconds(dates: Any, start: str | None) -> Array:
 # -- grids ---------------------------------------------------------------------------------------------------------
 
 
-def _merge(parts: list[_Part], pair: _Pair, notes: list[str]) -> Grid:
+def _merge(parts: list[_Part], pair: _Pair, notes: list[str], *, least_turn: float = 1e-3) -> Grid:
     """Return the grid of some components: on a C-grid, that of the middles of its cells.
+
+    A grid that is turned by less than `least_turn`, rad, has its axes east and north.
 
     Raises:
         InputError: They have different times, or no places in common.
@@ -657,7 +643,7 @@ def _merge(parts: list[_Part], pair: _Pair, notes: list[str]) -> Grid:
     plane = u.plane
     if plane.projected:
         local = plane.axes(*np.meshgrid(x, y))
-        if pair.along is None and np.abs(local - np.eye(2)).max() > _TURNED:
+        if pair.along is None and np.abs(local - np.eye(2)).max() > least_turn:
             raise InputError(
                 f"{u.name} and {v.name} have no standard names, so that they may be along the axes of the grid "
                 "or east and north; expected such names"

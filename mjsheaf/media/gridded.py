@@ -105,16 +105,6 @@ class GriddedFlow(FlowField):
 # -- compiled ------------------------------------------------------------------------------------------------------
 
 
-class GridState(NamedTuple):
-    """State of a gridded flow.
-
-    Attributes:
-        place: Where each vehicle was when it last met a flow that is not known, shape (V, 2), m; NaN before.
-    """
-
-    place: Array
-
-
 @inline_jit
 def _cell(axis, x):
     """Return the number of the interval of an axis that x lies in; -1 where it lies in none."""
@@ -150,7 +140,7 @@ def grid_velocity(grid, state, t, v, x, y, z):
         b = grid.turn[1, 0] * x + grid.turn[1, 1] * y
     i, j = _cell(grid.x, a), _cell(grid.y, b)
     if i < 0 or j < 0:
-        state.place[v, 0], state.place[v, 1] = x, y
+        state[v, 0], state[v, 1] = x, y
         return np.nan, np.nan, np.nan
     f = (a - grid.x[i]) / (grid.x[i + 1] - grid.x[i])
     g = (b - grid.y[j]) / (grid.y[j + 1] - grid.y[j])
@@ -166,7 +156,7 @@ def grid_velocity(grid, state, t, v, x, y, z):
         north = (1.0 - h) * north + h * _blend(level, i, j, f, g, 1)
         up = (1.0 - h) * up + h * _blend(level, i, j, f, g, 2)
     if np.isnan(east + north + up):
-        state.place[v, 0], state.place[v, 1] = x, y
+        state[v, 0], state[v, 1] = x, y
     return east, north, up
 
 
@@ -185,10 +175,10 @@ class GridArrays(NamedTuple):
     turn: Array
     turned: bool
 
-    def new_state(self, take: Take = np.zeros) -> GridState:
-        """Return a state for `grid_velocity` to write to."""
-        state = GridState(take((len(self.met), 2)))
-        state.place[:] = np.nan
+    def new_state(self, take: Take = np.zeros) -> Array:
+        """Return where each vehicle last met a flow that is not known, shape (V, 2), m; NaN before."""
+        state = take((len(self.met), 2))
+        state[:] = np.nan
         return state
 
     def bound(self) -> Bounds:
@@ -218,9 +208,9 @@ class GridArrays(NamedTuple):
 COMPILED[GridArrays] = Compiled(grid_velocity)
 
 
-def describe_unknown(grid: GridArrays, state: GridState, v: int) -> str:
+def describe_unknown(grid: GridArrays, state: Array, v: int) -> str:
     """Return why the flow about vehicle v is not known, or an empty string."""
-    x, y = state.place[v].tolist()
+    x, y = state[v].tolist()
     if math.isnan(x + y):
         return ""
     at = f"({x:.6g}, {y:.6g}) m"

@@ -33,6 +33,7 @@ from mjsheaf.errors import InputError, in_field
 from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving, unbounded
 from mjsheaf.noise import normals, stream_of
 from mjsheaf.section import Number, Positive
+from mjsheaf.vectors import triple
 
 FOOT = 0.3048  # m
 LOWEST = 10.0 * FOOT
@@ -40,11 +41,6 @@ LOWEST = 10.0 * FOOT
 HIGHEST = 1000.0 * FOOT
 """Highest altitude of the low-altitude model, m."""
 
-_NODES_PER_LENGTH = 100.0  # of the shortest scale length in a frozen field
-_MAX_NODES = 8_000_000  # of a frozen field: 200 MB
-_MARGIN = 20.0  # scale lengths beyond what vehicles meet from where they begin
-_STATES = 5  # u, and two each for v and w
-_NUMBERS = 19  # of a filter
 _ROUNDING = 1e-6  # of a period
 
 
@@ -116,6 +112,16 @@ class Gusts(Moving):
 OUTPUT = np.sqrt(1.5) * np.array([1.0, 1.0 / np.sqrt(3.0) - 1.0])
 """c1 and c2 at sigma = 1."""
 
+_STATIONARY = np.array(
+    [
+        [1.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0, 0.0],
+        [0.0, 0.5, 0.5, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 0.5, 0.5],
+    ]
+)  # factor of the covariance of the states at any time
+
 
 def discretise(rate: float, period: float) -> tuple[Array, Array]:
     """Return transition (2, 2) and noise factor (2, 2), lower triangular, of the states of v or w over a period, s."""
@@ -130,112 +136,68 @@ def discretise(rate: float, period: float) -> tuple[Array, Array]:
     return transition, factor
 
 
-class First(NamedTuple):
-    """Filter of u over a period: x+ = decay x + noise n, u = size x.
-
-    Attributes:
-        decay: Transition.
-        noise: Factor of the noise.
-        size: Standard deviation of u, m/s.
-    """
-
-    decay: float
-    noise: float
-    size: float
-
-
-class Second(NamedTuple):
-    """Filter of v or w over a period, see the module: x1+ = decay x1 + corner n1, v = one x1 + other x2.
-
-    For the other state, x2+ = slip x1 + decay x2 + below n1 + last n2.
-    """
-
-    decay: float
-    slip: float
-    corner: float
-    below: float
-    last: float
-    one: float
-    other: float
-
-
 class Filter(NamedTuple):
-    """Filters of a vehicle's gusts.
+    """Filters of G gusts over a period: x+ = transition x + noise n, (u, v, w) = output x.
+
+    x (5,) has a state of u and two each of v and w; n (5,) are independent normal numbers.
 
     Attributes:
-        cosine, sine: Direction of the mean wind.
-        u, v, w: Filters of the components.
+        transition, noise: Lower triangular, shape (G, 5, 5).
+        output: Shape (G, 3, 5), m/s.
+        direction: Direction of the mean wind, shape (G, 2).
     """
 
-    cosine: float
-    sine: float
-    u: First
-    v: Second
-    w: Second
+    transition: Array
+    noise: Array
+    output: Array
+    direction: Array
+
+
+def _filter(rates: Array, sigma: Array, direction: Array, period: float) -> Filter:
+    """Return the filter of one gust with rates a (3,), 1/s, and standard deviations (3,), m/s."""
+    f = Filter(np.zeros((1, 5, 5)), np.zeros((1, 5, 5)), np.zeros((1, 3, 5)), direction[None])
+    f.transition[0, 0, 0] = np.exp(-rates[0] * period)
+    f.noise[0, 0, 0] = np.sqrt(-np.expm1(-2.0 * rates[0] * period))
+    f.output[0, 0, 0] = sigma[0]
+    for row, states in ((1, slice(1, 3)), (2, slice(3, 5))):
+        f.transition[0, states, states], f.noise[0, states, states] = discretise(rates[row], period)
+        f.output[0, row, states] = sigma[row] * OUTPUT
+    return f
 
 
 @inline_jit
-def _second(row, k):
-    return Second(row[k], row[k + 1], row[k + 2], row[k + 3], row[k + 4], row[k + 5], row[k + 6])
-
-
-@inline_jit
-def filter_of(row):
-    """Return the numbers of a row of `GustArrays.filters` by name."""
-    return Filter(row[0], row[1], First(row[2], row[3], row[4]), _second(row, 5), _second(row, 12))
-
-
-def _filter(rates: Array, sigma: Array, direction: Array, period: float) -> Array:
-    """Return a row of `GustArrays.filters`."""
-    u = First(np.exp(-rates[0] * period), np.sqrt(-np.expm1(-2.0 * rates[0] * period)), sigma[0])
-    row = [*direction, *u]
-    for rate, size in zip(rates[1:], sigma[1:], strict=True):
-        transition, factor = discretise(rate, period)
-        corner, below, last = factor[0, 0], factor[1, 0], factor[1, 1]
-        row += Second(transition[0, 0], transition[1, 0], corner, below, last, *(size * OUTPUT))
-    return np.array(row)
+def _continue(transition, noise, seed, stream, k, state):
+    """Take the states (5,) to sample k."""
+    a, b, c, d = normals(seed, stream, k, 0)
+    n = (a, b, c, d, normals(seed, stream, k, 1)[0])
+    for i in range(4, -1, -1):  # backwards, as lower triangular matrices take what is before a state
+        total = 0.0
+        for j in range(i + 1):
+            total += transition[i, j] * state[j]
+        for j in range(i + 1):
+            total += noise[i, j] * n[j]
+        state[i] = total
 
 
 @inline_jit
 def _begin(seed, stream, state):
     """Draw the stationary states (5,) of the first sample."""
-    a, b, c, d = normals(seed, stream, 0, 0)
-    e = normals(seed, stream, 0, 1)[0]
-    state[0] = a
-    state[1] = b
-    state[2] = 0.5 * (b + c)
-    state[3] = d
-    state[4] = 0.5 * (d + e)
+    state[:] = 0.0
+    _continue(_STATIONARY, _STATIONARY, seed, stream, 0, state)
 
 
 @inline_jit
-def _continue_second(f, first, second, state):
-    """Take the states (2,) of v or w one sample on, with two normal numbers."""
-    state[1] = f.slip * state[0] + f.decay * state[1] + f.below * first + f.last * second
-    state[0] = f.decay * state[0] + f.corner * first
-
-
-@inline_jit
-def _continue(f, seed, stream, k, state):
-    """Take the states (5,) from sample k - 1 to sample k."""
-    a, b, c, d = normals(seed, stream, k, 0)
-    e = normals(seed, stream, k, 1)[0]
-    state[0] = f.u.decay * state[0] + f.u.noise * a
-    _continue_second(f.v, b, c, state[1:3])
-    _continue_second(f.w, d, e, state[3:5])
-
-
-@inline_jit
-def _components(f, state):
+def _components(output, state):
     """Return u, v and w, m/s."""
-    v = f.v.one * state[1] + f.v.other * state[2]
-    return f.u.size * state[0], v, f.w.one * state[3] + f.w.other * state[4]
+    v, w = output[1], output[2]
+    return output[0, 0] * state[0], v[1] * state[1] + v[2] * state[2], w[3] * state[3] + w[4] * state[4]
 
 
 @inline_jit
-def _in_world(f, along, left, up):
+def _in_world(direction, along, left, up):
     """Return components along the wind, to its left and upwards in world axes."""
-    return f.cosine * along - f.sine * left, f.sine * along + f.cosine * left, up
+    c, s = direction[0], direction[1]
+    return c * along - s * left, s * along + c * left, up
 
 
 # -- gusts of each vehicle's own -----------------------------------------------------------------------------------
@@ -262,18 +224,17 @@ def hold_gusts(gusts, state, t, first, last):
     for v in range(first, last):
         if gusts.met[v] == 0 or state.sample[v] == n:
             continue
-        stream, f = gusts.streams[gusts.met[v] - 1], filter_of(gusts.filters[gusts.met[v] - 1])
-        filters, velocity = state.filters[v], state.velocity[v]
+        g, own, velocity = gusts.met[v] - 1, state.filters[v], state.velocity[v]
         k = int(state.sample[v])
         if k < 0 or k > n:
-            _begin(gusts.seed[0], stream, filters)
+            _begin(gusts.seed[0], gusts.streams[g], own)
             k = 0
         while k < n:
             k += 1
-            _continue(f, gusts.seed[0], stream, k, filters)
+            _continue(gusts.filter.transition[g], gusts.filter.noise[g], gusts.seed[0], gusts.streams[g], k, own)
         state.sample[v] = n
-        along, left, up = _components(f, filters)
-        velocity[0], velocity[1], velocity[2] = _in_world(f, along, left, up)
+        along, left, up = _components(gusts.filter.output[g], own)
+        velocity[0], velocity[1], velocity[2] = _in_world(gusts.filter.direction[g], along, left, up)
 
 
 @inline_jit
@@ -295,20 +256,20 @@ class GustArrays(NamedTuple):
         met: Number of each vehicle that meets gusts among those that do, from 1 on; 0 for the others, shape (V,).
         seed: Seed of the run, shape (1,).
         streams: Random streams of those that do, shape (G, 2).
-        filters: Numbers of their filters over a period, shape (G, 19); see `filter_of`.
+        filter: Their filters over a period.
         clock: Time of sample 0, and the period, shape (2,), s.
     """
 
     met: IntArray
     seed: IntArray
     streams: IntArray
-    filters: Array
+    filter: Filter
     clock: Array
 
     def new_state(self, take: Take = np.zeros) -> GustState:
         """Return a state for `hold_gusts` to write to."""
         V = len(self.met)
-        state = GustState(take(V), take((V, _STATES)), take((V, 3)))
+        state = GustState(take(V), take((V, 5)), take((V, 3)))
         state.sample[:] = -1.0
         return state
 
@@ -324,51 +285,18 @@ def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
     """Pack gusts of each vehicle's own for compiled code."""
     vehicles = np.flatnonzero(met.met).tolist()
     number = np.where(met.met, np.cumsum(met.met), 0)
-    filters = np.zeros((len(vehicles), _NUMBERS))
-    for row, v in zip(filters, vehicles, strict=True):
+    filters = []
+    for v in vehicles:
         altitude = gusts.altitude_of(met.positions[v, 2] - met.level)
         direction, speed = gusts.wind(met.wind[v])
         sigma = gusts.scales(altitude)[0]
-        row[:] = _filter(speed / gusts.decay_lengths(altitude), sigma, direction, met.period)
+        filters.append(_filter(speed / gusts.decay_lengths(altitude), sigma, direction, met.period))
     streams = np.array([stream_of("gusts", met.ids[v]) for v in vehicles], dtype=np.int64)
-    return GustArrays(number, np.array([met.seed]), streams, filters, np.array([met.start, met.period]))
+    together = Filter(*map(np.concatenate, zip(*filters, strict=True)))
+    return GustArrays(number, np.array([met.seed]), streams, together, np.array([met.start, met.period]))
 
 
 # -- a frozen field ------------------------------------------------------------------------------------------------
-
-
-class Place(NamedTuple):
-    """Place of the nodes of a frozen field.
-
-    Attributes:
-        speed: V, m/s.
-        first: xi of the first node, m.
-        spacing: Distance of nodes, m.
-        u, v, w: Correlation r of each component.
-    """
-
-    speed: float
-    first: float
-    spacing: float
-    u: float
-    v: float
-    w: float
-
-
-@inline_jit
-def place_of(row):
-    """Return the numbers of `FrozenArrays.place` by name."""
-    return Place(row[0], row[1], row[2], row[3], row[4], row[5])
-
-
-class FrozenState(NamedTuple):
-    """State of a frozen field.
-
-    Attributes:
-        time: Time of the sample that is held, by vehicle, shape (V,), s.
-    """
-
-    time: Array
 
 
 @jit
@@ -376,7 +304,7 @@ def hold_frozen(gusts, state, t, first, last):
     """Let vehicles from first up to last meet the field as it is at the sample at time t, s."""
     n = sample_at(gusts.clock, t)
     for v in range(first, last):
-        state.time[v] = gusts.clock[0] + n * gusts.clock[1]
+        state[v] = gusts.clock[0] + n * gusts.clock[1]
 
 
 @jit
@@ -384,8 +312,9 @@ def frozen_velocity(gusts, state, t, v, x, y, z):
     """Return the velocity of the field at a point, as three numbers, m/s."""
     if gusts.met[v] == 0:
         return 0.0, 0.0, 0.0
-    place, wind, last = place_of(gusts.place), filter_of(gusts.filter), gusts.nodes.shape[0] - 1
-    at = (place.speed * state.time[v] - wind.cosine * x - wind.sine * y - place.first) / place.spacing
+    wind, last = gusts.filter.direction[0], gusts.nodes.shape[0] - 1
+    speed, first, spacing = triple(gusts.track)
+    at = (speed * state[v] - wind[0] * x - wind[1] * y - first) / spacing
     at = abs(at) % (2.0 * last)
     if at > last:
         at = 2.0 * last - at
@@ -394,9 +323,9 @@ def frozen_velocity(gusts, state, t, v, x, y, z):
     both = (1.0 - f) * (1.0 - f) + f * f
     mixed = 2.0 * f * (1.0 - f)
     one, other = gusts.nodes[k], gusts.nodes[k + 1]
-    along = ((1.0 - f) * one[0] + f * other[0]) / np.sqrt(both + mixed * place.u)
-    left = ((1.0 - f) * one[1] + f * other[1]) / np.sqrt(both + mixed * place.v)
-    up = ((1.0 - f) * one[2] + f * other[2]) / np.sqrt(both + mixed * place.w)
+    along = ((1.0 - f) * one[0] + f * other[0]) / np.sqrt(both + mixed * gusts.correlation[0])
+    left = ((1.0 - f) * one[1] + f * other[1]) / np.sqrt(both + mixed * gusts.correlation[1])
+    up = ((1.0 - f) * one[2] + f * other[2]) / np.sqrt(both + mixed * gusts.correlation[2])
     return _in_world(wind, along, left, up)
 
 
@@ -411,20 +340,22 @@ class FrozenArrays(NamedTuple):
     Attributes:
         met: 1 for vehicles that meet it, else 0, shape (V,).
         nodes: u, v and w at the nodes, shape (n, 3), m/s.
-        filter: As a row of `GustArrays.filters`, shape (19,).
-        place: Numbers of its `Place`, shape (6,).
+        filter: The filter that it is at a fixed place, over a period.
+        track: V, m/s, xi of the first node, m, and the distance of nodes, m, shape (3,).
+        correlation: Correlation r of each component, shape (3,).
         clock: Time of sample 0, and the period, shape (2,), s.
     """
 
     met: IntArray
     nodes: Array
-    filter: Array
-    place: Array
+    filter: Filter
+    track: Array
+    correlation: Array
     clock: Array
 
-    def new_state(self, take: Take = np.zeros) -> FrozenState:
-        """Return a state for `hold_frozen` to write to."""
-        return FrozenState(take(len(self.met)))
+    def new_state(self, take: Take = np.zeros) -> Array:
+        """Return the time of the sample that is held, by vehicle, shape (V,), s."""
+        return take(len(self.met))
 
     def bound(self) -> Bounds:
         """Return bounds, infinite for vehicles that meet the field: it is Gaussian."""
@@ -435,18 +366,25 @@ COMPILED[FrozenArrays] = Compiled(frozen_velocity, hold_frozen)
 
 
 @jit
-def _draw_nodes(row, seed, stream, state, nodes):
-    f = filter_of(row)
+def _draw_nodes(filter, seed, stream, state, nodes):
     for k in range(nodes.shape[0]):
         if k == 0:
             _begin(seed, stream, state)
         else:
-            _continue(f, seed, stream, k, state)
-        nodes[k, 0], nodes[k, 1], nodes[k, 2] = _components(f, state)
+            _continue(filter.transition[0], filter.noise[0], seed, stream, k, state)
+        nodes[k, 0], nodes[k, 1], nodes[k, 2] = _components(filter.output[0], state)
 
 
-def pack_frozen(gusts: Gusts, met: Exposure, name: str) -> FrozenArrays:
+def pack_frozen(
+    gusts: Gusts, met: Exposure, name: str, *, fine: float = 100.0, wide: float = 20.0, most: int = 8_000_000
+) -> FrozenArrays:
     """Pack a frozen field for compiled code, at the mean altitude and in the mean wind of those who meet it.
+
+    Args:
+        gusts, met, name: Section, vehicles, and name of the flow field.
+        fine: Nodes in the shortest scale length.
+        wide: Scale lengths beyond what vehicles meet from where they begin.
+        most: Largest number of nodes: 200 MB.
 
     Raises:
         InputError: The field would be too long.
@@ -456,23 +394,27 @@ def pack_frozen(gusts: Gusts, met: Exposure, name: str) -> FrozenArrays:
     direction, speed = gusts.wind(met.wind[own].mean(axis=0))
     sigma = gusts.scales(altitude)[0]
     lengths = gusts.decay_lengths(altitude)
-    spacing = float(lengths.min()) / _NODES_PER_LENGTH
+    spacing = float(lengths.min()) / fine
     along = met.positions[own, :2] @ direction
-    margin = _MARGIN * float(lengths.max()) + float(np.ptp(along))
+    margin = wide * float(lengths.max()) + float(np.ptp(along))
     first = speed * met.start - float(along.max()) - margin
     last = speed * met.end - float(along.min()) + margin
     count = int((last - first) / spacing) + 2
-    if count > _MAX_NODES:
+    if count > most:
         raise InputError(
             f"frozen: {met.end - met.start:g} s at {speed:g} m/s need {count} nodes {spacing:.3g} m apart; expected at "
-            f"most {_MAX_NODES}: a shorter run, a higher altitude, or frozen: false"
+            f"most {most}: a shorter run, a higher altitude, or frozen: false"
         )
     nodes = np.empty((count, 3))
-    row = _filter(1.0 / lengths, sigma, direction, spacing)
     stream = np.array(stream_of("frozen gusts", name), dtype=np.int64)
-    _draw_nodes(row, met.seed, stream, np.zeros(_STATES), nodes)
+    _draw_nodes(_filter(1.0 / lengths, sigma, direction, spacing), met.seed, stream, np.zeros(5), nodes)
     slip = spacing / lengths
     correlations = np.exp(-slip) * (1.0 - np.array([0.0, 0.5, 0.5]) * slip)
-    place = np.array(Place(speed, first, spacing, *correlations))
-    of_period = _filter(speed / lengths, sigma, direction, met.period)
-    return FrozenArrays(own.astype(np.int64), nodes, of_period, place, np.array([met.start, met.period]))
+    return FrozenArrays(
+        met=own.astype(np.int64),
+        nodes=nodes,
+        filter=_filter(speed / lengths, sigma, direction, met.period),
+        track=np.array([speed, first, spacing]),
+        correlation=correlations,
+        clock=np.array([met.start, met.period]),
+    )

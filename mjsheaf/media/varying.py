@@ -21,7 +21,7 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError
 from mjsheaf.noise import generator_of
 from mjsheaf.section import NonNegative, Number, Point, Positive, Section
-from mjsheaf.vectors import triple
+from mjsheaf.vectors import add, cross, triple
 
 LARGEST_PHASE = 1e7
 """Largest |rate t + phase| in rad for which the sine of the loops is a sine; it is bounded beyond."""
@@ -70,9 +70,9 @@ def sine(x):
 @inline_jit
 def evaluate_sines(harmonics, t, first, last, sines):
     """Write the sines of the harmonics of the vehicles from first to last at time t into sines (D K,)."""
-    K = harmonics.amplitude.shape[1]
-    for j in range(first * K, min(last, harmonics.amplitude.shape[0]) * K):
-        sines[j] = sine(harmonics.rate[j] * t + harmonics.phase[j])
+    K, rate, phase = harmonics.amplitude.shape[1], harmonics.rate, harmonics.phase
+    for j in range(first * K, min(last, harmonics.amplitude.shape[0]) * K):  # vector instructions: nothing else is read
+        sines[j] = sine(rate[j] * t + phase[j])
 
 
 @inline_jit
@@ -312,19 +312,20 @@ def varying_velocity(flow, state, t, v, x, y, z):
     c, s, start, end = np.cos(angle), np.sin(angle), flow.rise[0], flow.rise[1]
     first, later, ramp = triple(flow.tide[0]), triple(flow.tide[1]), triple(flow.ramp)
     risen = min(max((t - start) / (end - start), 0.0), 1.0)
-    wx = c * first[0] + s * later[0] + risen * ramp[0]
-    wy = c * first[1] + s * later[1] + risen * ramp[1]
-    wz = c * first[2] + s * later[2] + risen * ramp[2]
+    w = (
+        c * first[0] + s * later[0] + risen * ramp[0],
+        c * first[1] + s * later[1] + risen * ramp[1],
+        c * first[2] + s * later[2] + risen * ramp[2],
+    )
     vortices = flow.vortices
     for k in range(vortices.core2.shape[0]):
         place, carried, b = triple(vortices.centre[k]), triple(vortices.velocity[k]), triple(vortices.strength[k])
         rx, ry = x - place[0] - carried[0] * t, y - place[1] - carried[1] * t
         rz = (z - place[2] - carried[2] * t) * vortices.space[k]
         a = 1.0 / (rx * rx + ry * ry + rz * rz + vortices.core2[k])
-        wx += a * (b[1] * rz - b[2] * ry)
-        wy += a * (b[2] * rx - b[0] * rz)
-        wz += a * (b[0] * ry - b[1] * rx)
-    return wx, wy, wz
+        turn = cross(b, (rx, ry, rz))
+        w = add(w, (a * turn[0], a * turn[1], a * turn[2]))
+    return w
 
 
 class VaryingArrays(NamedTuple):

@@ -34,9 +34,6 @@ GRAVITY = 9.81
 """m/s^2, as in MuJoCo's models."""
 
 _PANELS = 4000  # of the quadrature on each side of the peak
-_NODES = 60  # of the quadrature of predictions, on each side of the peak
-_DIRECTIONS = 13
-_FEW = 20  # waves, which are predicted one by one
 _END = 7.0  # of s: exp(-1.25 * 49) is 2e-27
 _GAUSS = np.polynomial.legendre.leggauss(8)
 _HALF_PI = 0.5 * np.pi
@@ -99,19 +96,25 @@ class Waves(Moving):
         gamma = 3.3 if self.gamma is None else self.gamma
         return np.asarray(gamma ** np.exp(-0.5 * ((s**-0.5 - 1.0) / width) ** 2))
 
-    def sampled(self, seed: int) -> "Components":
+    def sampled(self, seed: int, *, few: int = 20, count: int = 60, bearings: int = 13) -> "Components":
         """Return waves whose sum over any smooth function of frequency is the integral over the spectrum.
 
         They are at the nodes of Gauss and Legendre in s, and of the trapezoidal rule in the direction, which is exact
-        for cos^2. A sea of few waves is those waves themselves.
+        for cos^2. A sea of fewer than `few` waves is those waves themselves.
+
+        Args:
+            seed: Seed of the scenario.
+            few: See above.
+            count: Number of nodes on each side of the peak.
+            bearings: Number of directions, with both ends, at which there is nothing.
         """
-        if self.components < _FEW:
+        if self.components < few:
             return self.components_of(seed)
-        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        nodes, weights = np.polynomial.legendre.leggauss(count)
         s = np.concatenate([0.5 * (nodes + 1.0), 1.0 + 0.5 * (_END - 1.0) * (nodes + 1.0)])
         density = np.concatenate([0.5 * weights, 0.5 * (_END - 1.0) * weights])
         density *= s * np.exp(-1.25 * s**2) * self._enhancement(s)
-        angles = np.array([0.0]) if self.spreading == "none" else np.linspace(-_HALF_PI, _HALF_PI, _DIRECTIONS)[1:-1]
+        angles = np.array([0.0]) if self.spreading == "none" else np.linspace(-_HALF_PI, _HALF_PI, bearings)[1:-1]
         share = np.cos(angles) ** 2 / np.sum(np.cos(angles) ** 2)
         energy = np.outer(self.significant_height**2 / 16.0 * density / density.sum(), share).ravel()
         rates = np.repeat(self.peak_rate / np.sqrt(s), len(angles))

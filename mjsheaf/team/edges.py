@@ -175,7 +175,8 @@ class LinearEdge(Link):
         """The edge between two members, in the tail's local frame where the map says so.
 
         Raises:
-            InputError: a map, weight or offset has the wrong shape.
+            InputError: a map, weight or offset has the wrong shape; or of a range or a bearing, the weight is a matrix,
+                the sensor is for positions, or a bearing has one coordinate.
         """
         if isinstance(self.map, ExplicitMaps):
             F = _matrix(self.map.tail, "map.tail", tail.dimension)
@@ -183,7 +184,19 @@ class LinearEdge(Link):
         else:
             maps = restriction_maps(self.map, tail.dimension, head.dimension, tail.attitude)
         m = len(maps[0])
-        self._require_measurable(m)
+        if self.measures != "position":
+            if isinstance(self.sensor, RangeBearing):
+                raise InputError(
+                    f"sensor: range_bearing measures positions; expected none on an edge of a {self.measures}"
+                )
+            if isinstance(self.weight, list):
+                raise InputError(
+                    f"weight: is a matrix; expected a positive number on an edge that measures {self.measures}"
+                )
+            if self.measures == "bearing" and m not in (2, 3):
+                raise InputError(
+                    f"measures: a bearing needs maps of two or three rows, and they have {m}; expected range"
+                )
         if self.offset is None:
             offset = None
         elif self.measures == "position":
@@ -198,23 +211,6 @@ class LinearEdge(Link):
         if lift is not None and offset is not None and self.measures == "position":
             offset = offset + lift
         return Edge(tail.id, head.id, *maps, weight, offset, self.measures, self.directed, lift, link)
-
-    def _require_measurable(self, m: int) -> None:
-        """Refuse what a range or a bearing of m coordinates cannot have.
-
-        Raises:
-            InputError: a weight is a matrix, a sensor is for positions, or a bearing has one coordinate.
-        """
-        if self.measures == "position":
-            return
-        if isinstance(self.sensor, RangeBearing):
-            raise InputError(f"sensor: range_bearing measures positions; expected none on an edge of a {self.measures}")
-        if isinstance(self.weight, list):
-            raise InputError(
-                f"weight: is a matrix; expected a positive number on an edge that measures {self.measures}"
-            )
-        if self.measures == "bearing" and m not in (2, 3):
-            raise InputError(f"measures: a bearing needs maps of two or three rows, and they have {m}; expected range")
 
 
 def edge_from_pair(value: Any) -> Any:

@@ -58,18 +58,6 @@ class GilbertElliott(Tagged):
         total = self.to_bad + self.to_good
         return self.to_bad / total if total > 0.0 else 0.0
 
-    @property
-    def lossy(self) -> bool:
-        """True if anything can be lost."""
-        return self.loss_good > 0.0 or self.loss_bad * self.bad > 0.0
-
-
-def chain_of(loss: float | GilbertElliott | None) -> GilbertElliott:
-    """Return losses as a chain of two states, which have equal losses if losses are independent."""
-    return loss if isinstance(loss, GilbertElliott) else GilbertElliott(
-        to_bad=0.0, to_good=1.0, loss_good=loss or 0.0, loss_bad=loss or 0.0
-    )  # fmt: skip
-
 
 class Link(Section):
     """Effects of a link on the measurements of an edge; None leaves a field to a more general section."""
@@ -175,11 +163,6 @@ class LinkModel(NamedTuple):
         return self.loss_good > 0.0 or self.loss_bad * self.bad > 0.0
 
     @property
-    def bursts(self) -> bool:
-        """True if losses depend on the state of the chain."""
-        return self.loss_good != self.loss_bad
-
-    @property
     def random(self) -> bool:
         """True if random numbers enter."""
         return self.noise > 0.0 or self.range_noise > 0.0 or self.bearing_noise > 0.0 or self.lossy
@@ -206,7 +189,9 @@ def model_of(*sections: Link | None) -> LinkModel:
             )
         angle = float(np.deg2rad(sensor.bearing_noise))
         fields |= {"bearing": True, "range_noise": sensor.range_noise, "bearing_noise": angle}
-    chain = chain_of(loss)
+    chain = loss
+    if not isinstance(loss, GilbertElliott):  # independent losses are those of two states with equal ones
+        chain = GilbertElliott(to_bad=0.0, to_good=1.0, loss_good=loss or 0.0, loss_bad=loss or 0.0)
     return LinkModel(**fields, **chain.model_dump(exclude={"kind"}), bad=chain.bad)
 
 
@@ -261,40 +246,25 @@ def perceive(seed, link, n, draw, F, attitude, tail, y):
     if link.bearing:
         far, angle = link.range_noise * normal_of(draw[1]), link.bearing_noise * normal_of(draw[2])
         if y.shape[0] == 2:
-            y[0], y[1] = perceive_plane(y[0], y[1], far, angle)
+            r, c, s = np.sqrt(y[0] * y[0] + y[1] * y[1]), np.cos(angle), np.sin(angle)
+            longer = (r + far) / r if r > 0.0 else 0.0  # a range of 0 has no direction, and is measured as 0
+            y[0], y[1] = longer * (c * y[0] - s * y[1]), longer * (s * y[0] + c * y[1])
         else:
             perceive_space(F, attitude[tail], far, angle, link.bearing_noise * normal_of(draw[3]), y)
     elif link.noise > 0.0:
-        add_noise(seed, link, n, draw, y)
+        for r in range(y.shape[0]):  # three numbers of `draw`, then four of each further draw
+            word = (r + 1) % 4
+            if r > 0 and word == 0:
+                draw = uniforms(seed, link.stream, n, 2 + (r - 3) // 4)
+            y[r] += link.noise * normal_of(draw[word])
     if link.bias != 0.0:
         for r in range(y.shape[0]):
             y[r] += link.bias
 
 
 @inline_jit
-def add_noise(seed, link, n, draw, y):
-    """Add white noise to the measurement y of an edge: three numbers of `draw` (4,), then four of each further draw."""
-    for r in range(y.shape[0]):
-        word = (r + 1) % 4
-        if r > 0 and word == 0:
-            draw = uniforms(seed, link.stream, n, 2 + (r - 3) // 4)
-        y[r] += link.noise * normal_of(draw[word])
-
-
-@inline_jit
-def perceive_plane(y0, y1, far, angle):
-    """Range times bearing in the plane, the range `far` m too long and the bearing `angle` rad too large.
-
-    A range of 0 has no direction, and is measured as 0.
-    """
-    r, c, s = np.sqrt(y0 * y0 + y1 * y1), np.cos(angle), np.sin(angle)
-    longer = (r + far) / r if r > 0.0 else 0.0
-    return longer * (c * y0 - s * y1), longer * (s * y0 + c * y1)
-
-
-@inline_jit
 def perceive_space(F, attitude, far, azimuth, elevation, y):
-    """The same in space, in place: azimuth and elevation in the frame of a body, y (3,) = F times a relative state."""
+    """Add errors to range, azimuth and elevation in the frame of a body, in place; y (3,) is F x of a relative x."""
     dx = F[0, 0] * y[0] + F[1, 0] * y[1] + F[2, 0] * y[2]
     dy = F[0, 1] * y[0] + F[1, 1] * y[1] + F[2, 1] * y[2]
     dz = F[0, 2] * y[0] + F[1, 2] * y[1] + F[2, 2] * y[2]

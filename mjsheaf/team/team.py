@@ -123,7 +123,21 @@ class Team:
         self._ends = {m.id: m for m in (*self.members, _GROUND)}
         self.displacement = {id: np.zeros(m.dimension) for id, m in self._ends.items()}
         own = dict(self.displacement)  # of targets among themselves; the agents' formation is about where they are
-        self._place_formations(own)
+        names = [formation.name for formation in self.formations]
+        if len(set(names)) != len(names):
+            raise InputError(f"formations: each needs its own name, but they are {names}")
+        placed: dict[str, str] = {}
+        for k, formation in enumerate(self.formations):
+            with in_field(f"formations.{k}"):
+                self._place(formation, "agent", placed, self.displacement)
+                if formation.about is not None and formation.about not in self.target_ids:
+                    close = expected(formation.about, self.target_ids)
+                    raise InputError(f"about: {formation.about!r} is not a target; {close}")
+        if self.target_formation is not None:
+            with in_field("target_formation.group"):
+                if self.target_formation.about is not None:
+                    raise InputError("about: targets hold their formation about no other; leave it out")
+                self._place(self.target_formation, "target", {}, own)
         self.communication = self._edges("communication", communication, ("agent", "agent"), self.displacement)
         self.sensing = self._edges("sensing", sensing, ("agent", "target"), self.displacement)
         self.target_edges = self._edges("target_edges", target_edges, ("target", "target"), own)
@@ -461,23 +475,6 @@ class Team:
         inside = set(formation.members)
         return [e for e in self.communication if e.tail in inside and e.head in inside]
 
-    def _place_formations(self, own: dict[str, Array]) -> None:
-        names = [formation.name for formation in self.formations]
-        if len(set(names)) != len(names):
-            raise InputError(f"formations: each needs its own name, but they are {names}")
-        placed: dict[str, str] = {}
-        for k, formation in enumerate(self.formations):
-            with in_field(f"formations.{k}"):
-                self._place(formation, "agent", placed, self.displacement)
-                if formation.about is not None and formation.about not in self.target_ids:
-                    close = expected(formation.about, self.target_ids)
-                    raise InputError(f"about: {formation.about!r} is not a target; {close}")
-        if self.target_formation is not None:
-            with in_field("target_formation.group"):
-                if self.target_formation.about is not None:
-                    raise InputError("about: targets hold their formation about no other; leave it out")
-                self._place(self.target_formation, "target", {}, own)
-
     def _place(self, formation: Formation, role: str, placed: dict[str, str], displacement: dict[str, Array]) -> None:
         for member in formation.members:
             if self._roles.get(member) != role:
@@ -561,10 +558,6 @@ def _with_offset(edge: Edge, displacement: Mapping[str, Array]) -> Edge:
     return replace(edge, offset=np.array([far]) if edge.measures == "range" else -apart / far, apart=apart)
 
 
-_EXACT = 1e-7  # of the team's size: residual of an exact shape
-_DENSE = 600  # states up to which free directions are counted
-
-
 @dataclass
 class Path:
     """q* along a run, up to the last computed sample.
@@ -624,18 +617,24 @@ class Shapes:
             path.held = held
         return found.reshape(q.shape)
 
-    def first(self, solver: StationarySolver, held: Array, near: Array) -> Settled:
-        """Return q* of targets at `held` (n_p,) from the present positions `near` (n_q,), or from places."""
+    def first(self, solver: StationarySolver, held: Array, near: Array, *, small: float = 1e-7) -> Settled:
+        """Return q* of targets at `held` (n_p,) from the present positions `near` (n_q,), or from places.
+
+        A shape is exact if its residual is at most `small` times the team's size.
+        """
         found = solver.settle(near, held, free=True)
-        exact = _EXACT * (1.0 + np.abs(solver.relative(near, held)).max(initial=0.0))
+        exact = small * (1.0 + np.abs(solver.relative(near, held)).max(initial=0.0))
         if found.converged and found.residual <= exact:
             return found
         others = (solver.settle(x, held, free=True) for x in self._places(held, near))
         return min([found, *others], key=lambda each: (not each.converged, each.residual))
 
-    def has_free_motions(self, q: Array, p: Array) -> bool:
-        """Return True if some motion of the agents at q changes no measurement to first order."""
-        if self._team.free or len(q) > _DENSE:
+    def has_free_motions(self, q: Array, p: Array, *, most: int = 600) -> bool:
+        """Return True if some motion of the agents at q changes no measurement to first order.
+
+        More than `most` states are free in a team without targets and anchors alone.
+        """
+        if self._team.free or len(q) > most:
             return self._team.free
         H = self._team.nonlinear_sheaf.gradient_jacobian(np.concatenate([q, p]))[: len(q), : len(q)]
         values = np.linalg.svd(H.toarray(), compute_uv=False)
@@ -682,10 +681,6 @@ _AXES = "xyz"
 _MOST_NAMED = 8  # agents named one by one before the rest are counted
 _ENTRY_ROUNDING = 1e-7  # of the largest entry; null spaces close to small eigenvalues have more rounding
 _STEP_TOLERANCE = 1e-6  # steps that differ by less are equal
-_LEAST_PIVOT = 0.1  # of the best pivot: one within the same agent is taken above it
-_NAMED_SHARE = 0.5  # of the longest step, which an agent must move to be named where it is nearly free
-_LEAST_SINE = 0.2  # a step that is nearly along an axis counts as along it below this sine
-_SAME_DIRECTION_COSINE = 0.94
 
 
 @dataclass(frozen=True)
@@ -728,13 +723,16 @@ def sparsified(basis: sparse.csr_array, owner: IntArray) -> sparse.csc_array:
     return found[:, np.argsort(found.indices[found.indptr[:-1]], kind="stable")]
 
 
-def _pivots(block: Array, owner: IntArray) -> IntArray:
-    """Rows that determine all others, all of one agent where it has as many."""
+def _pivots(block: Array, owner: IntArray, *, least: float = 0.1) -> IntArray:
+    """Rows that determine all others, all of one agent where it has as many.
+
+    One within the same agent is taken above `least` times the best pivot.
+    """
     residual, pivots = block.copy(), list[int]()
     while len(pivots) < block.shape[1]:
         size = np.linalg.norm(residual, axis=1)
         last = owner == owner[pivots[-1]] if pivots else np.zeros(len(owner), dtype=bool)
-        among = last if np.any(size[last] >= _LEAST_PIVOT * size.max()) else np.ones(len(owner), dtype=bool)
+        among = last if np.any(size[last] >= least * size.max()) else np.ones(len(owner), dtype=bool)
         # The first of those that are about as good as the best: rounding does not choose.
         pivot = int(np.flatnonzero(among & (size >= 0.5 * size[among].max()))[0])
         pivots.append(pivot)
@@ -778,26 +776,26 @@ def null_mode_of(team: Team, values: Array, rows: IntArray | None = None) -> Nul
     return NullMode(agents, steps)
 
 
-def describe_nearly(team: Team, mode: NullMode) -> str:
+def describe_nearly(team: Team, mode: NullMode, *, named: float = 0.5, along: float = 0.2) -> str:
     """Who is nearly free along what, in a mode that edges and anchors notice little.
 
-    Only agents that move at least half as far as the one that moves furthest are named, and their directions are
-    rounded.
+    Only agents that move at least `named` times as far as the one that moves furthest are named, and their directions
+    are rounded: to an axis where the sine of the angle to it is below `along`.
     """
     far = np.linalg.norm(mode.steps, axis=1)
-    much = far >= _NAMED_SHARE * far.max()
+    much = far >= named * far.max()
     steps = mode.steps[much] / far[much, None]
-    steps[np.abs(steps) < _LEAST_SINE] = 0.0
+    steps[np.abs(steps) < along] = 0.0
     steps *= np.sign(steps[0, np.argmax(np.abs(steps[0]))])  # an eigenvector has no sign of its own
     return describe(team, NullMode(mode.agents[much], _in_few_directions(steps)), "nearly free")
 
 
-def _in_few_directions(steps: Array) -> Array:
-    """Unit steps, those that are close to one another made equal."""
+def _in_few_directions(steps: Array, *, cosine: float = 0.94) -> Array:
+    """Unit steps, those that are close to one another, by the cosine of their angle, made equal."""
     steps = steps / np.linalg.norm(steps, axis=1)[:, None]
     left = np.ones(len(steps), dtype=bool)
     while left.any():
-        alike = left & (steps @ steps[np.argmax(left)] > _SAME_DIRECTION_COSINE)
+        alike = left & (steps @ steps[np.argmax(left)] > cosine)
         mean = steps[alike].mean(axis=0)
         steps[alike] = mean / np.linalg.norm(mean)
         left &= ~alike

@@ -169,20 +169,6 @@ def _line_search(channels, wrench, y, start, step, slope):
 
 
 @jit
-def _reachable_yaw(channels, desired):
-    """Compute the yaw moment nearest to a desired one that the actuators together can produce."""
-    made, sign, last = 0.0, np.copysign(_FAR, desired), channels.shape[0] - 1
-    for k in range(last + 1):
-        if channels[k].code != ANGLE:
-            one, other = channels[k].planar[2], channels[min(k + 1, last)].planar[2]
-            a, b, _, _, _ = nearest_effort(channels, k, sign * one, sign * other)
-            made += one * a if one != 0.0 else 0.0
-            if channels[k].code != FIXED:
-                made += other * b
-    return min(desired, made) if sign > 0.0 else max(desired, made)
-
-
-@jit
 def allocate_nearest(channels, scale, force, yaw, effort):
     """Compute the efforts of a boat, within their limits, that come nearest to a force and a yaw moment.
 
@@ -196,7 +182,9 @@ def allocate_nearest(channels, scale, force, yaw, effort):
     x = force[0] / scale[0] if scale[0] > 0.0 else 0.0
     y = force[1] / scale[1] if scale[1] > 0.0 else 0.0
     n = yaw / scale[2] if scale[2] > 0.0 else 0.0
-    wrench = x, y, _reachable_yaw(channels, n)
+    far = np.copysign(_FAR, n)
+    most = _wrench_of(channels, (0.0, 0.0, far))[2]  # what the actuators produce together, that way
+    wrench = x, y, min(n, most) if far > 0.0 else max(n, most)
     accuracy = _ACCURACY * (abs(x) + abs(y) + abs(wrench[2]))
     dual, last = (0.0, 0.0, 0.0), channels.shape[0] - 1
     if not accuracy < np.inf:  # what is not finite stays, to be seen

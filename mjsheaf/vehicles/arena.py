@@ -60,7 +60,6 @@ SURFACES = ("water", "ground", "none")
 PREFIX = "obstacle/"
 """Beginning of the names of these bodies and geoms; the id of the obstacle follows."""
 
-_GROUP = 3  # of collision shapes
 _SHAPES = mujoco.mjtGeom
 _TYPES = {SPHERE: _SHAPES.mjGEOM_SPHERE, CAPSULE: _SHAPES.mjGEOM_CAPSULE, BOX: _SHAPES.mjGEOM_BOX,
           HALF_SPACE: _SHAPES.mjGEOM_PLANE}  # fmt: skip
@@ -188,7 +187,9 @@ def _prepared(vehicle: Vehicle, visible: bool) -> tuple[mujoco.MjSpec, mujoco.Mj
     content. If the model is not visible, purely visual geoms are omitted.
     """
     spec = attachable(vehicle)
-    alone = _is_one_body(spec.worldbody)
+    world = spec.worldbody
+    alone = len(world.bodies) == 1 and is_at_origin(world.bodies[0])
+    alone = alone and not (world.geoms or world.sites or world.cameras or world.lights)
     only_seen = [geom for geom in spec.geoms if geom.contype == 0 and geom.conaffinity == 0]
     for geom in [] if visible else only_seen:  # their mass, if any, is in the bodies' inertia already
         spec.delete(geom)
@@ -196,13 +197,6 @@ def _prepared(vehicle: Vehicle, visible: bool) -> tuple[mujoco.MjSpec, mujoco.Mj
     for asset in [*bare.materials, *bare.textures]:
         bare.delete(asset)
     return spec, bare, alone
-
-
-def _is_one_body(world: mujoco.MjsBody) -> bool:
-    """Return True if a file has one body, at the origin and level, and nothing next to it."""
-    if world.geoms or world.sites or world.cameras or world.lights:
-        return False
-    return len(world.bodies) == 1 and is_at_origin(world.bodies[0])
 
 
 def _paint(group: mujoco.MjSpec, looks: dict[str, tuple[str, Array | None]]) -> None:
@@ -256,8 +250,10 @@ def _check_masses(arena: Arena) -> None:
                 raise InputError(f"{vehicle.path}: its {' '.join(values.split())}")
 
 
-def add_obstacles(root: mujoco.MjSpec, obstacles: ObstacleArrays, ids: Sequence[str], time: float) -> None:
-    """Add obstacles of these ids to an arena, where they are at a time in s."""
+def add_obstacles(
+    root: mujoco.MjSpec, obstacles: ObstacleArrays, ids: Sequence[str], time: float, *, group: int = 3
+) -> None:
+    """Add obstacles of these ids to an arena, where they are at a time in s, in the group of collision shapes."""
     for n, (id, centre) in enumerate(zip(ids, centres(obstacles, time), strict=True)):
         kind, (x, y, z), size = int(obstacles.kind[n]), obstacles.axes[n], obstacles.size[n]
         columns = (y, z, x) if kind in (CAPSULE, HALF_SPACE) else (x, y, z)  # theirs is the z axis
@@ -272,7 +268,7 @@ def add_obstacles(root: mujoco.MjSpec, obstacles: ObstacleArrays, ids: Sequence[
         body = root.worldbody.add_body(
             name=f"{PREFIX}{id}", pos=centre, quat=quaternion, mocap=bool(obstacles.speed[n] > 0.0)
         )
-        body.add_geom(name=f"{PREFIX}{id}", type=_TYPES[kind], size=extent, group=_GROUP, rgba=[0.78, 0.55, 0.38, 1.0])
+        body.add_geom(name=f"{PREFIX}{id}", type=_TYPES[kind], size=extent, group=group, rgba=[0.78, 0.55, 0.38, 1.0])
 
 
 def movers_of(obstacles: ObstacleArrays | None) -> tuple[Any, ...]:

@@ -31,13 +31,10 @@ from mjsheaf.arrays import Array
 from mjsheaf.section import Duration, Section
 from mjsheaf.vehicles.actuators import WEAK_SIDE, Thruster
 from mjsheaf.vehicles.steering import Full, ThrustVector
-from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle
+from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle, kinds_of
 
 SURGE, YAW = 0, 5
-_TURNING_SHARE = 0.12  # fraction of the speed ahead above which a boat that cannot back turns round under way
 _AROUND = np.radians(np.arange(-181.0, 182.0))  # headings, rad, a little more than once around
-_STRONGEST = 200.0  # m/s, of winds that are sought
-_HALF = 0.5  # fraction of the largest yaw moment at which its price in surge is taken
 
 
 @dataclass(frozen=True)
@@ -70,9 +67,8 @@ def capability_of(vehicle: Vehicle) -> Capability:
 
 def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) -> Array:
     """Evaluate a measure of every vehicle, shape (V,), once for identical ones."""
-    known = {id(vehicle): vehicle for vehicle in vehicles}
-    found = {key: measure(vehicle) for key, vehicle in known.items()}
-    return np.array([found[id(vehicle)] for vehicle in vehicles])
+    kinds, number = kinds_of(vehicles)
+    return np.array([measure(vehicle) for vehicle in kinds])[number]
 
 
 def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
@@ -101,8 +97,14 @@ class Turning(NamedTuple):
     speed: float
 
 
-def turning_of(vehicle: Vehicle) -> Turning | None:
-    """Return the turning parameters of a boat steered at its hand point; None for a vehicle that can back."""
+def turning_of(vehicle: Vehicle, *, turned: float = 0.5, fast: float = 0.12) -> Turning | None:
+    """Return the turning parameters of a boat steered at its hand point; None for a vehicle that can back.
+
+    Args:
+        vehicle: The vehicle.
+        turned: Fraction of its largest yaw moment at which the price in surge is taken.
+        fast: Fraction of its speed ahead above which it turns round under way.
+    """
     if YAW not in vehicle.controlled_rows or vehicle.steering.attitude or not is_one_sided(vehicle):
         return None
     ahead, astern = (largest_wrench(vehicle, SURGE, sign, []) for sign in (1.0, -1.0))
@@ -110,10 +112,12 @@ def turning_of(vehicle: Vehicle) -> Turning | None:
         return None
     prices = []
     for sign in (1.0, -1.0):
-        moment = _HALF * largest_wrench(vehicle, YAW, sign, [SURGE])
+        moment = turned * largest_wrench(vehicle, YAW, sign, [SURGE])
         if np.isfinite(moment) and moment > 0.0:
-            prices.append(_least_surge(vehicle, sign * moment) / moment)
-    speed = _TURNING_SHARE * capability_of(vehicle).forward_speed
+            A = np.column_stack([vehicle.W[[SURGE, YAW]], [-1.0, 0.0]])  # of the smallest surge that comes with it
+            cost = np.append(np.zeros(vehicle.W.shape[1]), 1.0)
+            prices.append(vehicle.solve_for_efforts(A, np.array([0.0, sign * moment]), cost) / moment)
+    speed = fast * capability_of(vehicle).forward_speed
     return Turning(max(prices, default=0.0), speed if np.isfinite(speed) else 0.0)
 
 
@@ -123,13 +127,6 @@ def largest_wrench(vehicle: Vehicle, row: int, sign: float, free: list[int]) -> 
     along = np.zeros(6)
     along[row] = sign
     return vehicle.largest_along(rows, along, vehicle.W @ vehicle.steering.trim_effort(vehicle))
-
-
-def _least_surge(vehicle: Vehicle, moment: float) -> float:
-    """Compute the smallest surge force >= 0 with which a boat produces a yaw moment, N."""
-    W = vehicle.W
-    A = np.column_stack([W[[SURGE, YAW]], [-1.0, 0.0]])
-    return vehicle.solve_for_efforts(A, np.array([0.0, moment]), np.append(np.zeros(W.shape[1]), 1.0))
 
 
 def hold_station(vehicle: Vehicle, heading: float, current: Array, wind: Array) -> tuple[float, Array, Array]:
@@ -165,7 +162,9 @@ def hold_station(vehicle: Vehicle, heading: float, current: Array, wind: Array) 
     return heading, command, vehicle.allocation @ [X, Y, 0.0, 0.0, 0.0, N]
 
 
-def largest_wind(vehicle: Vehicle, heading: float, current: Array, wind: Array, limit: float) -> float:
+def largest_wind(
+    vehicle: Vehicle, heading: float, current: Array, wind: Array, limit: float, *, strongest: float = 200.0
+) -> float:
     """Find the largest wind of a direction in which a vehicle on the surface holds station.
 
     It does if the velocity that it is commanded is within the limit, and its efforts within those of its actuators. A
@@ -176,9 +175,11 @@ def largest_wind(vehicle: Vehicle, heading: float, current: Array, wind: Array, 
         vehicle, heading, current: See `hold_station`.
         wind: Wind, which gives its direction.
         limit: Velocity limit, m/s.
+        strongest: Strongest wind that is sought, m/s.
 
     Returns:
-        The largest wind, m/s; infinite if it is beyond 200 m/s, or not known, as of boats with one-sided thrusters.
+        The largest wind, m/s; infinite if it is beyond the strongest, or not known, as of boats with one-sided
+        thrusters.
     """
     from scipy.optimize import bisect
 
@@ -194,9 +195,9 @@ def largest_wind(vehicle: Vehicle, heading: float, current: Array, wind: Array, 
         shares = [_share_within(vehicle, 0.0 * effort, effort) for effort in efforts]
         return min(*shares, limit / max(float(np.linalg.norm(command)), 1e-9), 2.0) - 1.0
 
-    if is_one_sided(vehicle) or room(_STRONGEST) > 0.0:
+    if is_one_sided(vehicle) or room(strongest) > 0.0:
         return float("inf")
-    return float(bisect(room, 0.0, _STRONGEST, xtol=0.01)) if room(0.0) > 0.0 else 0.0
+    return float(bisect(room, 0.0, strongest, xtol=0.01)) if room(0.0) > 0.0 else 0.0
 
 
 def leeway_of(vehicle: Vehicle, wind: Array) -> Array:

@@ -32,12 +32,10 @@ SEEN_GROUPS = 3
 """MuJoCo shows geoms of the first three groups; collision shapes are in later ones."""
 
 _LARGEST_FILE = 20_000_000  # maximum size of an XML file, bytes
-_HEAVIEST = 1e12  # kg
 _ROUNDING = 1e-9  # of the largest of commands and wrenches
 _WORDS = ("name", "class", "childclass")  # attributes that are words, even if they look like numbers
 _NO_NUMBER = re.compile(r"(?i)(^|\s)[-+]?(nan|inf(inity)?)(\s|\(|$)")
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
-_IN_MESHDIR = ("mesh", "hfield", "skin")
 _GROUND = {mujoco.mjtGeom.mjGEOM_PLANE: "plane", mujoco.mjtGeom.mjGEOM_HFIELD: "height field"}
 ACCEPTED = {
     kind: frozenset(names.split())
@@ -81,13 +79,6 @@ class _Reference(NamedTuple):
     within: Path  # directory of the file that contains the reference
 
 
-class _Names(NamedTuple):
-    """References and settings of an MJCF file and of the files that it includes."""
-
-    references: list[_Reference]
-    directories: dict[str, set[str]]
-
-
 def files_of(description: Path, mjcf: str) -> list[Path]:
     """List the files of a vehicle.
 
@@ -105,19 +96,21 @@ def files_of(description: Path, mjcf: str) -> list[Path]:
     root = description.parent.resolve()
     with in_field(f"{description}: mjcf"):
         main = confined(mjcf, root)
-    names, files = _Names([], {name: set() for name in _DIRECTORIES}), [main]
+    references = list[_Reference]()
+    directories = {name: set[str]() for name in _DIRECTORIES}
+    files = [main]
     for path in files:  # grows with the files that they include
-        known = len(names.references)
-        _read(path, names)
-        for reference in names.references[known:]:
+        known = len(references)
+        _read(path, references, directories)
+        for reference in references[known:]:
             if reference.tag in ("include", "model"):
-                files += [file for file in _places(reference, main, names, root) if file not in files]
+                files += [file for file in _places(reference, main, directories, root) if file not in files]
     # The directories of meshes are known only after all files have been read.
-    others = [file for reference in names.references for file in _places(reference, main, names, root)]
+    others = [file for reference in references for file in _places(reference, main, directories, root)]
     return list(dict.fromkeys([*files, *others]))
 
 
-def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> list[Path]:
+def _places(reference: _Reference, main: Path, settings: dict[str, set[str]], root: Path) -> list[Path]:
     """List the existing files that MuJoCo may resolve a reference to.
 
     Raises:
@@ -125,8 +118,8 @@ def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> lis
     """
     tag, name, within = reference
     own = "texturedir" if tag == "texture" else "meshdir"
-    directories = names.directories[own] | names.directories["assetdir"]
-    if not directories or tag not in ("texture", *_IN_MESHDIR):
+    directories = settings[own] | settings["assetdir"]
+    if not directories or tag not in ("texture", "mesh", "hfield", "skin"):
         directories = directories | {""}
     found = []
     for base in sorted({main.parent, within}):
@@ -141,8 +134,8 @@ def _places(reference: _Reference, main: Path, names: _Names, root: Path) -> lis
     return found
 
 
-def _read(path: Path, names: _Names) -> None:
-    """Collect the references of one MJCF file.
+def _read(path: Path, references: list[_Reference], directories: dict[str, set[str]]) -> None:
+    """Collect the references of one MJCF file, and its directories of meshes and textures.
 
     Raises:
         InputError: The file cannot be read, is not MJCF, declares a document type, or has a plugin.
@@ -156,9 +149,9 @@ def _read(path: Path, names: _Names) -> None:
             if key not in _WORDS and _NO_NUMBER.search(value):  # MuJoCo takes them for numbers that are not given
                 raise InputError(f"{path}: line {parser.CurrentLineNumber}: <{tag}>: {key} is {value[:50]}")
             if key.startswith("file"):
-                names.references.append(_Reference(tag, value, path.parent))
+                references.append(_Reference(tag, value, path.parent))
             elif tag == "compiler" and key in _DIRECTORIES:
-                names.directories[key].add(value)
+                directories[key].add(value)
 
     def doctype(*_: Any) -> None:
         raise InputError(f"{path}: a document type is not allowed; remove <!DOCTYPE")
@@ -491,16 +484,22 @@ def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
     return model, left_out
 
 
-def _from_model(name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel) -> Vehicle:
+def _from_model(
+    name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel, *, heaviest: float = 1e12
+) -> Vehicle:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     mass, centre, inertia = mass_properties(model, data, slice(None))
     about_centre = inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    movable = mass <= _HEAVIEST and np.isfinite(inertia).all()
+    movable = mass <= heaviest and np.isfinite(inertia).all()
     if not (movable and np.linalg.eigvalsh(about_centre)[0] > mujoco.mjMINVAL):
         raise InputError(f"{path}: its mass or inertia is too small or too large to move; expected those of a vehicle")
     carried = float((model.body_mass * model.body_gravcomp).sum())
     drag, size, windage = description.drag, _size(model, data), description.windage
+    reach = np.zeros(model.nbody)  # how far a body's origin is from the vehicle's at most; parents come first
+    for body in range(1, model.nbody):
+        reach[body] = reach[model.body_parentid[body]] + np.linalg.norm(model.body_pos[body])
+    farthest = reach[model.geom_bodyid] + np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
     linear = np.full(3, mass / drag.time_constant) if drag.time_constant else np.array(drag.linear, dtype=np.float64)
     vehicle = Vehicle(
         name=name,
@@ -519,7 +518,7 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
             Inertial(*(x[b].copy() for x in (model.body_ipos, model.body_iquat, model.body_mass, model.body_inertia)))
             for b in range(1, model.nbody)
         ],
-        radius=_radius(model),
+        radius=float(farthest[model.geom_group < SEEN_GROUPS].max(initial=0.05)),
         size=size,
         actuators=_actuators(path, model, data, description.actuators),
         hold=description.attitude,
@@ -531,15 +530,6 @@ def _from_model(name: str, description: VehicleDescription, path: Path, model: m
     )
     _check(vehicle)
     return vehicle
-
-
-def _radius(model: mujoco.MjModel) -> float:
-    """Return the radius about the origin that holds the geoms that are seen, at least 0.05 m."""
-    reach = np.zeros(model.nbody)  # how far a body's origin is from the vehicle's at most; parents come first
-    for body in range(1, model.nbody):
-        reach[body] = reach[model.body_parentid[body]] + np.linalg.norm(model.body_pos[body])
-    farthest = reach[model.geom_bodyid] + np.linalg.norm(model.geom_pos, axis=1) + model.geom_rbound
-    return float(farthest[model.geom_group < SEEN_GROUPS].max(initial=0.05))
 
 
 def _size(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -593,14 +583,6 @@ def mass_properties(model: mujoco.MjModel, data: mujoco.MjData, bodies: slice) -
     return mass, m @ r / mass, inertia + np.trace(second) * np.eye(3) - second
 
 
-def _thruster_names(model: mujoco.MjModel) -> list[str]:
-    names = [model.actuator(k).name for k in range(model.nu)]
-    for k in range(model.nu):
-        new = (f"thruster_{k}{'_' * i}" for i in count())
-        names[k] = names[k] or next(name for name in new if name not in names)
-    return names
-
-
 def _actuators(
     path: Path, model: mujoco.MjModel, data: mujoco.MjData, described: dict[str, AnyActuator]
 ) -> list[Thruster]:
@@ -610,7 +592,10 @@ def _actuators(
         InputError: An actuator in the description does not exist, or does not have the thrust that the description
             requires.
     """
-    names = _thruster_names(model)
+    names = [model.actuator(k).name for k in range(model.nu)]
+    for k in range(model.nu):
+        new = (f"thruster_{k}{'_' * i}" for i in count())
+        names[k] = names[k] or next(name for name in new if name not in names)
     for name in described:
         if name not in names:
             raise InputError(f"{path}: actuators.{name} of the description does not exist; {expected(name, names)}")

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 FULL, THRUST_VECTOR, HAND_POINT = 0, 1, 2  # codes
 
-_USABLE = 0.9  # fraction of a multirotor's thrust that carries and moves it; the rest is reserved for turning
 _FREE_TILT = 80.0  # degrees
 _SHARE_OF_FALL = 0.5  # maximum downward force on a multirotor that points its thrust, as a fraction of its weight
 _DIRECTIONS = 2.0 * np.pi * np.arange(24) / 24  # rad, of the plane
@@ -167,11 +166,11 @@ class ThrustVector(Steering):
         """Compute R D R^T."""
         return np.asarray(R * body.drag @ R.T)
 
-    def largest_thrust(self, body: "Body") -> float:
-        """Return the usable thrust along z, N; the rest is reserved for turning."""
+    def largest_thrust(self, body: "Body", *, usable: float = 0.9) -> float:
+        """Return the usable thrust along z, N, a fraction of all; the rest is reserved for turning."""
         lifting = body.W[2] > 0.0
         reach = body.W[2, lifting] @ body.effort_bounds[lifting, 1]
-        return max(_USABLE * float(reach), 1.01 * body.weight)
+        return max(usable * float(reach), 1.01 * body.weight)
 
     def largest_force(self, body: "Body", direction: Array) -> float:
         """Compute the largest horizontal force, limited by tilt or by thrust, N."""

@@ -5,6 +5,7 @@ A description contains the properties of a vehicle that MJCF has no place for: i
 the body: x forward, y port, z up. Wrenches are [force; moment] about the origin of the body frame, in body axes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from mjsheaf.arrays import Array, freeze
+from mjsheaf.arrays import Array, IntArray, freeze
 from mjsheaf.errors import InputError
 from mjsheaf.section import Positive, Section
 from mjsheaf.vehicles.actuators import AnyActuator, Channel, Rudder, Thruster
@@ -390,6 +391,13 @@ class Vehicle(Body):
         if rate <= 0.0:
             raise InputError(f"{self.name} has a time constant of {own:.3g} s without its autopilot; tau must be below")
         return replace(self, rate=float(rate))
+
+
+def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:
+    """Return one vehicle of each kind, in the order in which they first come, and the kind of each, shape (V,)."""
+    kinds = {id(vehicle): vehicle for vehicle in vehicles}
+    number = {key: k for k, key in enumerate(kinds)}
+    return list(kinds.values()), np.array([number[id(vehicle)] for vehicle in vehicles], dtype=np.int64)
 
 
 @dataclass(frozen=True)

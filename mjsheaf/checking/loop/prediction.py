@@ -64,7 +64,7 @@ from mjsheaf.errors import InputError, UndecidedError, select_true
 from mjsheaf.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.loop.system import System
-from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays, filter_of, place_of
+from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays
 from mjsheaf.media.medium import of_kind
 from mjsheaf.media.waves import Components
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
@@ -459,9 +459,9 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
             along, up = _speeds(system, flow.waves.sampled(system.seed), number, system.initial[:, 2])
             variance += 0.5 * np.sum(along**2 + up**2, axis=0)
     for gusts in of_kind(system.moving, GustArrays):
-        variance[gusts.met > 0] += 2.0 * np.square([filter_of(row).u.size for row in gusts.filters])
+        variance[gusts.met > 0] += 2.0 * np.square(gusts.filter.output[:, 0, 0])
     for frozen in of_kind(system.moving, FrozenArrays):
-        variance += 2.0 * filter_of(frozen.filter).u.size ** 2 * (frozen.met > 0)
+        variance += 2.0 * frozen.filter.output[0, 0, 0] ** 2 * (frozen.met > 0)
     found = {}
     for i, id in enumerate(system.team.agent_ids):
         able = min(capability_of(system.vehicles[i]).least_speed, float(system.law.limit[i]))
@@ -624,18 +624,16 @@ def _lines(system: System, period: float) -> Iterator[_Line]:
             slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
             yield _Line(rate, 0.5, velocity[None], slope[None])
     for gusts in of_kind(system.moving, GustArrays):  # of each vehicle's own
-        filters = [filter_of(row) for row in gusts.filters]
-        for angle, weight in _angles(filters):
-            velocity = np.zeros((len(filters), 3, len(gusts.met), 3), dtype=np.complex128)
-            for k, (v, f) in enumerate(zip(np.flatnonzero(gusts.met), filters, strict=True)):
-                velocity[k, :, v] = _amplitudes(f, angle)
+        met = np.flatnonzero(gusts.met)
+        for angle, weight in _angles(gusts.filter):
+            velocity = np.zeros((len(met), 3, len(gusts.met), 3), dtype=np.complex128)
+            velocity[np.arange(len(met)), :, met] = _amplitudes(gusts.filter, angle)
             yield _Line(angle / period, weight, velocity.reshape(-1, *velocity.shape[2:]))
     for frozen in of_kind(system.moving, FrozenArrays):
-        f = filter_of(frozen.filter)
-        distance = places[:, :2] @ [f.cosine, f.sine]
-        for angle, weight in _angles([f]):
-            phase = np.exp(-1j * angle / period * distance / place_of(frozen.place).speed) * (frozen.met > 0)
-            yield _Line(angle / period, weight, phase[:, None] * _amplitudes(f, angle)[:, None])
+        distance = places[:, :2] @ frozen.filter.direction[0]
+        for angle, weight in _angles(frozen.filter):
+            phase = np.exp(-1j * angle / period * distance / frozen.track[0]) * (frozen.met > 0)
+            yield _Line(angle / period, weight, phase[:, None] * _amplitudes(frozen.filter, angle)[0][:, None])
 
 
 def _below(system: System, height: Array) -> BoolArray:
@@ -658,13 +656,13 @@ def _speeds(system: System, waves: Components, number: int, height: Array) -> tu
 
 
 def _angles(
-    filters: list[Filter],
+    gusts: Filter,
     *,
     count: int = 240,  # of the spectra of gusts, evenly in the logarithm
     lowest: float = 1e-3,  # of the slowest rate of gusts and loop
 ) -> Iterator[tuple[float, float]]:
     """Yield angles from 0 to pi and the weight of each: the integral of |E|^2 S over both signs, over 2 pi."""
-    slowest = min(float(1.0 - part.decay) for f in filters for part in (f.u, f.v, f.w))  # part that decays in a period
+    slowest = 1.0 - float(gusts.transition.diagonal(axis1=1, axis2=2).max())  # part that decays in a period
     logarithm = np.linspace(np.log(lowest * min(slowest, 1.0)), np.log(np.pi), count)
     weight = np.full(count, logarithm[1] - logarithm[0])
     weight[[0, -1]] *= 0.5
@@ -673,12 +671,10 @@ def _angles(
 
 
 def _amplitudes(gusts: Filter, angle: float) -> Array:
-    """Return the roots of the spectra of u, v and w at an angle, along their directions, shape (3, 3), m/s."""
-    z = np.exp(1j * angle)
-    found = [abs(gusts.u.size * gusts.u.noise / (z - gusts.u.decay)) ** 2]
-    for f in (gusts.v, gusts.w):
-        pole = 1.0 / (z - f.decay)
-        mixed = f.corner * (f.one + f.other * f.slip * pole) + f.other * f.below
-        found.append(abs(mixed * pole) ** 2 + abs(f.other * f.last * pole) ** 2)
-    frame = np.array([[gusts.cosine, gusts.sine, 0.0], [-gusts.sine, gusts.cosine, 0.0], [0.0, 0.0, 1.0]])
-    return np.sqrt(found)[:, None] * frame
+    """Return the roots of the spectra of u, v and w at an angle, along their directions, shape (G, 3, 3), m/s."""
+    transfer = gusts.output @ np.linalg.solve(np.exp(1j * angle) * np.eye(5) - gusts.transition, gusts.noise)
+    frame = np.zeros((len(transfer), 3, 3))
+    frame[:, 0, :2] = gusts.direction
+    frame[:, 1, :2] = gusts.direction[:, ::-1] * [-1.0, 1.0]
+    frame[:, 2, 2] = 1.0
+    return np.linalg.norm(transfer, axis=2)[..., None] * frame
