@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -186,6 +187,7 @@ def _replaces(new: Event, old: Event) -> bool:
 # -- frames ------------------------------------------------------------------------------------------------------------
 
 
+@dataclass
 class Row(Packer):
     """Packer that keeps one sample as 32-bit floats.
 
@@ -193,10 +195,7 @@ class Row(Packer):
         values: Values by name, flat.
     """
 
-    def __init__(self) -> None:
-        """Start empty."""
-        super().__init__()
-        self.values: dict[str, NDArray[np.float32]] = {}
+    values: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
     def add_fixed(self, name: str, values: Array, step: float) -> Array:
         """Keep values; `step` is not used."""
@@ -252,7 +251,7 @@ class Display:
             "end": scenario.time.end,
             "agents": team.agent_ids,
             "links": list(pairs.values()),
-            "address": server.socket_address,
+            "address": f"ws://{server.host}/live",
         }
         self._again = f"mjsheaf view {scenario.name} --backend {recorder.session.backend}", ""
 

@@ -88,7 +88,6 @@ class Packer:
 
     index: dict[str, dict[str, Any]] = field(default_factory=dict)
     _planes: list[bytes] = field(default_factory=list)
-    _size: int = 0
 
     def add_fixed(self, name: str, values: Array, step: float) -> Array:
         """Add values rounded to multiples of a step, shape (K, ...); returns them as the page has them."""
@@ -108,11 +107,10 @@ class Packer:
 
     def _add(self, name: str, whole: NDArray[np.int32], step: float) -> None:
         columns = whole.reshape(len(whole), -1)
-        self.index[name] = {"shape": columns.shape, "at": self._size, "step": step}
+        self.index[name] = {"shape": columns.shape, "at": sum(map(len, self._planes)), "step": step}
         change = np.diff(columns, axis=0, prepend=np.int32(0))  # modulo 2^32, as the browser adds them
         signed = np.ascontiguousarray(((change << 1) ^ (change >> 31)).T, "<i4")
         self._planes.append(signed.view(np.uint8).reshape(-1, 4).T.tobytes())
-        self._size += 4 * columns.size
 
     def packed(self) -> str:
         """Everything, compressed, in base64."""
@@ -254,8 +252,7 @@ def add_samples(
 
 def origin_of(dataset: xr.Dataset) -> Array:
     """A place near where a run begins, shape (3,), m: see the module."""
-    names = [f"{kind}_position" for kind in ("agent", "target")]
-    first = np.nan_to_num(np.concatenate([dataset[name][:1].values.reshape(-1, 3) for name in names]))
+    first = np.nan_to_num(joined(dataset.isel(time=[0]), "position")[0])
     first = first[np.abs(first).max(axis=1) < _FARTHEST]
     return _ORIGINS * np.round(np.median(first, axis=0) / _ORIGINS) if len(first) else np.zeros(3)
 
@@ -428,10 +425,23 @@ def page_of(
     content = played(scenario, dataset, phases)
     curves = bound_curves(phases, dataset, bounds)
     replay, data = pack(content, dataset, phases, curves, ghosts, None if live is None else live.ahead)
+    theory = [  # of each phase that the run reached
+        {
+            "time": phase.time,
+            "events": list(phase.events),
+            "assumptions": [
+                {"number": a.number, "name": a.name, "verdict": a.verdict, "why": a.witness}
+                for a in theorem.certificate.assumptions
+            ],
+            "theorem": {"applies": theorem.applies, "approximate": theorem.approximate, "reason": theorem.reason},
+            "held": {"applies": of_law.samples is not None, "reason": of_law.reason},
+        }
+        for phase, (theorem, of_law) in zip(phases, bounds, strict=False)
+    ]
     said = {
         **replay,
         **_scene(scenario, content, phases, dataset, replay),
-        "facts": _facts(scenario, phases, dataset, summary, again) | {"theory": _theory(phases, bounds)},
+        "facts": _facts(scenario, phases, dataset, summary, again) | {"theory": theory},
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
     connect = ""
@@ -599,23 +609,6 @@ def _facts(
 def law_in_words(system: System) -> str:
     """Return the law of a system with its gain and its terms."""
     return ", ".join(["sheaf law", f"gain {system.gain:g} 1/s", *system.law.term_names])
-
-
-def _theory(phases: Sequence[Phase], bounds: Bounds) -> list[dict[str, Any]]:
-    """Return start, events and theoretical results of each phase that a run reached."""
-    return [
-        {
-            "time": phase.time,
-            "events": list(phase.events),
-            "assumptions": [
-                {"number": a.number, "name": a.name, "verdict": a.verdict, "why": a.witness}
-                for a in theorem.certificate.assumptions
-            ],
-            "theorem": {"applies": theorem.applies, "approximate": theorem.approximate, "reason": theorem.reason},
-            "held": {"applies": of_law.samples is not None, "reason": of_law.reason},
-        }
-        for phase, (theorem, of_law) in zip(phases, bounds, strict=False)
-    ]
 
 
 def _hash(text: str) -> str:

@@ -154,7 +154,16 @@ def draw_errors(
     grid = figure.add_gridspec(rows + linked, 2, height_ratios=[1.0] * rows + [0.45] * linked)
     axes = [figure.add_subplot(grid[row, column]) for row in range(rows) for column in (0, 1)]
     if linked:
-        _plot_arrival(figure.add_subplot(grid[rows, :]), dataset)
+        share = dataset["arrival"].values  # averaged over a hundredth of the run around each sample
+        axis = figure.add_subplot(grid[rows, :])
+        axis.plot(
+            dataset["time"].values,
+            uniform_filter1d(share, 2 * max(1, len(share) // 200) + 1),
+            color="black",
+            linewidth=1.0,
+        )
+        label_axes(axis, "measurements that arrive", "time (s)", "fraction of edges")
+        axis.set(xlim=_span(dataset["time"].values), ylim=(-0.03, 1.03))
     styles = {k: {"color": colours[k], "linestyle": DASHES[k % len(DASHES)], "linewidth": 1.0} for k in members}
     for axis, panel in zip(axes, panels, strict=False):
         _draw_error(axis, time, styles, *panel)
@@ -195,14 +204,6 @@ def _last_half(time: Array) -> BoolArray:
     return np.asarray(time >= (time[0] + time[-1]) / 2)
 
 
-def _plot_arrival(axis: Any, dataset: xr.Dataset) -> None:
-    """Draw the fraction of measurements that arrive, averaged over a hundredth of the run around each sample."""
-    time, share = dataset["time"].values, dataset["arrival"].values
-    axis.plot(time, uniform_filter1d(share, 2 * max(1, len(share) // 200) + 1), color="black", linewidth=1.0)
-    label_axes(axis, "measurements that arrive", "time (s)", "fraction of edges")
-    axis.set(xlim=_span(time), ylim=(-0.03, 1.03))
-
-
 def _draw_agents(axis: Any, team: Team, time: Array, errors: Array, order: IntArray, colours: Array) -> list[Line2D]:
     """Draw each agent's tracking error (T, N) over time, with the worst ones bold and named; for large teams, a band.
 
@@ -217,8 +218,10 @@ def _draw_agents(axis: Any, team: Team, time: Array, errors: Array, order: IntAr
             low, middle, high = np.nanquantile(np.where(np.isfinite(errors), errors, np.nan), (0.05, 0.5, 0.95), axis=1)
         axis.fill_between(time, low, high, color="#B8BEC8", linewidth=0, alpha=0.6)
         axis.plot(time, middle, color="#4B5563", linewidth=0.9)
-        keys = [key("90 % of the agents", color="#B8BEC8", linewidth=6, alpha=0.6)]
-        keys.append(key("median agent", color="#4B5563", linewidth=0.9))
+        keys = [
+            key("90 % of the agents", color="#B8BEC8", linewidth=6, alpha=0.6),
+            key("median agent", color="#4B5563", linewidth=0.9),
+        ]
     else:
         lines = [np.column_stack([time, errors[:, i]]) for i in others]
         axis.add_collection(LineCollection(lines, colors=[(*colours[i], 0.55) for i in others], linewidths=0.6))
@@ -323,13 +326,10 @@ def draw_trajectories(
         *group_keys(groups, names, colours),
         key("start", color="black", marker="o", markerfacecolor="white", markersize=4),
         key("end", color="black", marker="o", markersize=5),
+        *([key("earlier rounds", color="black", linewidth=0.4, alpha=_PALE)] if rounds else []),
+        *([key("lost", color="black", marker="X", markersize=5)] if absent[:, -1].any() else []),
+        *([key("obstacle", color=OBSTACLE, marker="s", markersize=6)] if obstacles and len(obstacles.kind) else []),
     ]
-    if rounds:
-        keys.append(key("earlier rounds", color="black", linewidth=0.4, alpha=_PALE))
-    if absent[:, -1].any():
-        keys.append(key("lost", color="black", marker="X", markersize=5))
-    if obstacles is not None and len(obstacles.kind):
-        keys.append(key("obstacle", color=OBSTACLE, marker="s", markersize=6))
     legend_below(figure, keys, 6)
     if spatial:
         for axis, name in ((above, "above"), (front, "the front"), (side, "the side")):
