@@ -15,7 +15,7 @@ from mjsheaf.checking.problems import headline
 from mjsheaf.checking.record import CheckRecord
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.loop.system import System
-from mjsheaf.show.panels import (
+from mjsheaf.show.plots import (
     MOST_NAMED,
     NORMAL,
     TICK,
