@@ -401,7 +401,7 @@ def section_basis(edges: EdgeSet, free: BoolArray, rtol: float) -> sparse.csc_ar
         rest = edges.delta[:, at]
         scale = largest_singular_value(edges.delta[:, kept])
         bases += [(number[at[columns]], Q) for columns, Q in _null_spaces(rest, rtol, scale)]
-    basis = _joined(bases, np.count_nonzero(kept))
+    basis = _joined(bases, int(kept.sum()))
     basis.eliminate_zeros()
     return basis
 

@@ -8,11 +8,11 @@ from contextlib import AbstractContextManager, ExitStack, closing
 from copy import copy
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as iio
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
@@ -76,7 +76,7 @@ def draw_video(
 
 def _side_by_side(halves: Sequence[Callable[[], Image.Image]]) -> np.ndarray:
     """Complete frames of one height and lay them side by side, with white between them."""
-    padded = [np.pad(half(), ((0, 0), (0, GAP), (0, 0)), constant_values=255) for half in halves]
+    padded = [np.pad(np.asarray(half()), ((0, 0), (0, GAP), (0, 0)), constant_values=255) for half in halves]
     return np.hstack(padded)[:, :-GAP]
 
 
@@ -131,9 +131,8 @@ class Painter(AbstractContextManager["Painter"]):
         self._decorator = Decorator(film, options, owners_of_geoms(self.model, film.body_id))
         survey, middle = self._frames.extent.survey, self.camera[len(self.times) // 2]
         self._decorator.lay_out_arrows(middle)
-        arrows = {medium.name: (medium.top, medium.scale) for medium in film.media}
         with MATPLOTLIB:  # another thread may be drawing the plots of the run
-            self._overlay = Overlay(film, options, survey, arrows)
+            self._overlay = Overlay(film, options, survey)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
     def draw(self, number: int) -> Callable[[], Image.Image]:
@@ -167,7 +166,7 @@ class Painter(AbstractContextManager["Painter"]):
         self._renderer.close()
 
 
-def write_mp4(path: Path, frames: Iterable[Callable[[], ArrayLike]], fps: float) -> int:
+def write_mp4(path: Path, frames: Iterable[Callable[[], Any]], fps: float) -> int:
     """Encode frames as they come. The file appears under its name only when it is complete.
 
     Args:
@@ -201,7 +200,7 @@ def write_mp4(path: Path, frames: Iterable[Callable[[], ArrayLike]], fps: float)
     return count
 
 
-def _encode(part: Path, frames: Iterable[Callable[[], ArrayLike]], fps: float) -> int:
+def _encode(part: Path, frames: Iterable[Callable[[], Any]], fps: float) -> int:
     """Complete the frames and feed them to ffmpeg while the next ones are drawn; returns how many there were."""
     # Rendering is the expensive part, and x264 competes with it for the cores: these options take a third less work
     # than those of the preset at the same file size.

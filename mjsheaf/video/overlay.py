@@ -4,7 +4,7 @@ The constant part is one matplotlib figure, drawn once when the overlay is made.
 has a row with a symbol for each thing that is drawn, and a bar of colours for each medium.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from matplotlib.transforms import IdentityTransform
 from PIL import Image, ImageDraw, ImageFont
 
 from mjsheaf.arrays import Array
-from mjsheaf.show.played import Poses
+from mjsheaf.show.played import Medium, Poses
 from mjsheaf.show.style import OBSTACLE, STOPS, list_scales, round_number, speed_colours
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Film, Moment, VideoOptions, error_range
@@ -52,20 +52,13 @@ class Overlay:
         rows: Symbols of the legend, with their labels.
     """
 
-    def __init__(
-        self,
-        film: Film,
-        options: VideoOptions,
-        survey: Poses,
-        arrows: Mapping[str, tuple[float, int]] | None = None,
-    ) -> None:
+    def __init__(self, film: Film, options: VideoOptions, survey: Poses) -> None:
         """Draw everything that stays the same.
 
         Args:
             film: Content of the video.
             options: Size of the frame and so on.
             survey: Samples of the run, for the curve of its error.
-            arrows: End of the scale of speeds, m/s, and number of the scale of colours of each medium by name.
         """
         self._film, self._options = film, options
         self._inner = max(self._options.panel - 2 * self._px(MARGIN), 1)
@@ -76,11 +69,11 @@ class Overlay:
         (curve,) = self._add_curve(figure, survey)
         self.rows = legend_rows(film, options, survey)
         top = self._options.height - self._px(STATUS_HEIGHT + 2 * MARGIN)
-        bars = (BAR_ROOM * len(arrows) + BELOW_BARS) * self._options.unit if arrows else 0.0
+        bars = (BAR_ROOM * len(film.media) + BELOW_BARS) * options.unit if film.media else 0.0
         add_legend(
             figure, self.rows, (self._left, top, self._inner, top - self._px(MARGIN) - bars), SIZE * self._options.unit
         )
-        add_bars(figure, arrows or {}, self._left, self._inner, self._options.unit)
+        add_bars(figure, film.media, self._left, self._inner, options.unit)
         canvas.draw()
         self._whole = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         curve.set_visible(False)
@@ -295,27 +288,29 @@ def add_legend(figure: Figure, rows: list[Line2D], room: tuple[float, float, flo
     )
 
 
-def add_bars(figure: Figure, arrows: Mapping[str, tuple[float, int]], left: float, width: float, unit: float) -> None:
+def add_bars(figure: Figure, media: Sequence[Medium], left: float, width: float, unit: float) -> None:
     """Add a bar of colours for the speed of each medium, above one another from the bottom of a figure in pixels.
 
     Args:
         figure: The figure; a point is a pixel.
-        arrows: End of the scale of speeds, m/s, and number of the scale of colours, by the medium's name.
+        media: The media.
         left, width: Where bars begin, and how long they are.
         unit: Pixels in one of a 1000x720 frame.
     """
     size = (figure.bbox.width, figure.bbox.height) * 2
-    for number, name in enumerate(reversed(list(arrows))):
-        top, scale = arrows[name]
+    for number, medium in enumerate(reversed(media)):
+        top = medium.top
         bottom = (BELOW_BARS + BAR_ROOM * number) * unit
         axes = figure.add_axes(tuple(np.divide((left, bottom, width, max(BAR_HEIGHT * unit, 1.0)), size)))
         axes.set_facecolor((0.36, 0.55, 0.68))  # water, behind arrows
-        shades = speed_colours(scale, np.linspace(0.0, 1.0, 128))
+        shades = speed_colours(medium.scale, np.linspace(0.0, 1.0, 128))
         axes.imshow(shades[None], aspect="auto", extent=(0.0, top, 0.0, 1.0))
         axes.set_yticks([])
         label_ends(axes, [0.0, top / 2.0, top], ["0", f"{top / 2.0:g}", f"{top:g} m/s"], unit)
-        axes.set_title(f"speed of the {name}", loc="left", fontsize=SIZE * unit, color=WHITE, pad=5 * unit, x=0.14)
-        tint = tuple(STOPS[scale % len(STOPS), 1, :3].tolist())
+        axes.set_title(
+            f"speed of the {medium.name}", loc="left", fontsize=SIZE * unit, color=WHITE, pad=5 * unit, x=0.14
+        )
+        tint = tuple(STOPS[medium.scale % len(STOPS), 1, :3].tolist())
         above = bottom + (BAR_HEIGHT + 3) * unit
         figure.text(left, above, "→", transform=None, fontsize=1.6 * SIZE * unit, color=tint)
 
