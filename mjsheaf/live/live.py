@@ -28,7 +28,7 @@ from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
 from mjsheaf.loop.system import System
 from mjsheaf.media.flow import FlowField
-from mjsheaf.page.page import Live, Packer, Scene, add_samples, law_in_words, origin_of, page_of
+from mjsheaf.page.page import Packer, Scene, add_samples, law_in_words, origin_of, page_of
 from mjsheaf.results.dataset import join, make_datasets
 from mjsheaf.results.store import Memory, Sink
 from mjsheaf.scenario import Scenario
@@ -279,8 +279,10 @@ class Display:
         dataset = self._last if self._history.overflowed else self._history.dataset
         assert dataset is not None, "there is no page before the first sample"
         phases = self._recorder.session.engine.phases
-        live = Live(self._controls, self._ahead)
-        page = page_of(self._recorder.origin, phases, dataset, {}, (), again=self._again, live=live)
+        page = page_of(
+            self._recorder.origin, phases, dataset, {}, (),
+            again=self._again, controls=self._controls, ahead=self._ahead,
+        )  # fmt: skip
         self._edges = list(edges_of(phases))
         self._origin = origin_of(dataset)
         self._scene = Scene.of(self._ahead - self._origin)

@@ -384,19 +384,6 @@ def add_ghosts(
 # -- the page ----------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Live:
-    """Connection of a page to a run in progress.
-
-    Attributes:
-        controls: What the page lets its user change, with the `address` of the websocket; see `mjsheaf.live`.
-        ahead: Points that vehicles are expected to reach, shape (K, 3), m.
-    """
-
-    controls: dict[str, Any]
-    ahead: Array
-
-
 def page_of(
     scenario: Scenario,
     phases: Sequence[Phase],
@@ -407,7 +394,8 @@ def page_of(
     notes: Sequence[Any] = (),
     ghosts: Sequence[Ghost] = (),
     again: tuple[str, str] | None = None,
-    live: Live | None = None,
+    controls: dict[str, Any] | None = None,
+    ahead: Array | None = None,
 ) -> bytes:
     """Make the page of a run, as HTML.
 
@@ -420,11 +408,13 @@ def page_of(
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
         ghosts: Other runs, drawn translucent.
         again: the command that makes the run again, and where; None for that in a run's directory.
-        live: Connection to a run in progress; None for a finished one.
+        controls: What the page of a run in progress lets its user change, with the `address` of the websocket; see
+            `mjsheaf.live`. None for a finished run.
+        ahead: Points that vehicles of a run in progress are expected to reach, shape (K, 3), m.
     """
     content = played(scenario, dataset, phases)
     curves = bound_curves(phases, dataset, bounds)
-    replay, data = pack(content, dataset, phases, curves, ghosts, None if live is None else live.ahead)
+    replay, data = pack(content, dataset, phases, curves, ghosts, ahead)
     theory = [  # of each phase that the run reached
         {
             "time": phase.time,
@@ -445,9 +435,9 @@ def page_of(
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
     connect = ""
-    if live is not None:
-        said["live"] = live.controls | {"ahead": (live.ahead - replay["origin"]).round(2).tolist()}
-        connect = f"; connect-src {live.controls['address']}"
+    if controls is not None and ahead is not None:
+        said["live"] = controls | {"ahead": (ahead - replay["origin"]).round(2).tolist()}
+        connect = f"; connect-src {controls['address']}"
     return _fill(said, data, connect)
 
 

@@ -105,9 +105,6 @@ class Decorator:
         self.most_geoms = 3 * film.vehicles  # per vehicle: the foot of its vertical line, a ball at q* and a halo
         self.most_geoms += 0 if film.obstacles is None else len(film.obstacles.kind)
         self._spacing = 0.0
-        # MuJoCo's transparent geoms write no depth, so a sea, which is drawn later, would cover them.
-        self._see_through = 1.0 if film.seas else 0.55
-        self._marker = 6.5 if film.seas else 10.5  # radius of the ball at q*
 
     def lay_out_arrows(self, view: View) -> None:
         """Choose the spacing of arrows for one of the camera's views."""
@@ -121,9 +118,11 @@ class Decorator:
             self._turn_grey(scene, absent)
         size = self._unit * view.metres_per_pixel(self._height)  # of a pixel of the reference frame, in m
         # Balls of more than 50 agents shrink, so that they do not cover each other.
-        radius = self._marker * min(1.0, (50 / max(self._film.agents, 1)) ** 0.5) * size
+        radius = (6.5 if self._film.seas else 10.5) * min(1.0, (50 / max(self._film.agents, 1)) ** 0.5) * size
         there = [i for i in range(self._film.agents) if i not in absent]
-        _add_balls(scene, moment.harmonic_extension[there], radius, self._with_alpha(self._see_through)[there])
+        # MuJoCo's transparent geoms write no depth, so a sea, which is drawn later, would cover them.
+        rgba = self._with_alpha(1.0 if self._film.seas else 0.55)[there]
+        _add_balls(scene, moment.harmonic_extension[there], radius, rgba)
         if self._film.obstacles is not None:
             _add_obstacles(scene, self._film.obstacles, moment.time, view)
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
