@@ -239,20 +239,11 @@ def require_installed(formats: Sequence[str]) -> list[Callable[..., Sink]]:
     return found
 
 
-def make_sink(format_name: str, path: Path, scenario: Scenario, phases: Sequence[Phase], source: Path) -> Sink:
-    """Return the sink that writes a run to `path`; `source` is the scenario's file, which it includes.
-
-    Raises:
-        InputError: The packages of the extra `mcap` are not installed.
-    """
-    (kind,) = require_installed([format_name])
-    return kind(path, scenario, phases, source)
-
-
 def sinks_of(formats: Sequence[str], directory: Path, scenario: Scenario, phases: Sequence[Phase]) -> list[Sink]:
     """Return the sinks that write a run's exports into its directory, which has scenario.yaml; 'live' writes none."""
     source = directory / "scenario.yaml"
-    return [make_sink(name, directory / FORMATS.get(name, os.devnull), scenario, phases, source) for name in formats]
+    kinds = zip(formats, require_installed(formats), strict=True)
+    return [kind(directory / FORMATS.get(name, os.devnull), scenario, phases, source) for name, kind in kinds]
 
 
 def export_run(directory: Path, format_name: str, out: Path | None = None) -> Path:
@@ -267,13 +258,13 @@ def export_run(directory: Path, format_name: str, out: Path | None = None) -> Pa
         InputError: The directory holds no run, a package is missing, or nothing can be written there.
     """
     path = directory / FORMATS[format_name] if out is None else out
-    require_installed([format_name])
+    (kind,) = require_installed([format_name])
     with reopen_run(directory) as (scenario, dataset, _), ExitStack() as stack, naming(path):
         strange = strange_in_bag(path) if format_name == "ros2" else []
         if strange:
             raise InputError(f"{path}: holds {strange[0]!r}, which mjsheaf did not write; choose another with --out")
         part = stack.enter_context(whole_directory(path) if format_name == "ros2" else whole_file(path))
-        sink = make_sink(format_name, part, scenario, scenario.phases, directory / "scenario.yaml")
+        sink = kind(part, scenario, scenario.phases, directory / "scenario.yaml")
         pieces = split(dataset, length_of_piece(dataset))
         send((piece.load() for piece in pieces), sink)
     return path
