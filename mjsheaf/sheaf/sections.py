@@ -89,12 +89,7 @@ def sparse_null_space(
 
 def _null_spaces(matrix: sparse.csr_array, rtol: float, scale: float) -> list[tuple[IntArray, Array]]:
     """Return the columns of each part of a matrix and an orthonormal basis on them (columns, dimension)."""
-    found = []
-    for _, columns, part in parts(sparser_rows(matrix)):
-        dense = len(columns) <= DENSE_COLUMNS
-        local = _dense_null_space(part.toarray(), scale, rtol) if dense else _lanczos_null_space(part, scale, rtol)
-        found.append((columns, local))
-    return found
+    return [(columns, _null_space(part, scale, rtol)) for _, columns, part in parts(sparser_rows(matrix))]
 
 
 def _joined(bases: list[tuple[IntArray, Array]], rows: int) -> sparse.csc_array:
@@ -165,11 +160,13 @@ def smallest_eigenvectors(factor: splinalg.SuperLU, known: Array, count: int, to
         return splinalg.eigsh(operator, k=count, ncv=min(n, 6 * count), which="LM", v0=start, tol=tolerance)[1]
 
 
-def _dense_null_space(matrix: Array, scale: float, rtol: float) -> Array:
-    n = matrix.shape[1]
-    if matrix.shape[0] == 0:
+def _null_space(part: sparse.csr_array, scale: float, rtol: float) -> Array:
+    n = part.shape[1]
+    if n > DENSE_COLUMNS:
+        return _lanczos_null_space(part, scale, rtol)
+    if part.shape[0] == 0:
         return np.eye(n)
-    matrix = _with_few_rows(matrix)
+    matrix = _with_few_rows(part.toarray())
     if len(matrix) >= n >= 60:
         # A triangular inverse proves full rank, as the smallest singular value is at least 1 / |R^-1|_F. It costs a
         # fraction of a decomposition, which then only matrices of deficient or nearly deficient rank need.
