@@ -210,9 +210,10 @@ class DirichletProblem:
         # Coordinates that identify each null direction are fixed at zero, which costs no energy: as many as there are
         # null directions, on which these are independent.
         regularisation = np.zeros(n)
-        for rows, columns, block in () if self.unique else parts(self.sparse_null_basis):
-            first = linalg.qr(block.toarray().T, mode="r", pivoting=True)[1][: len(columns)]
-            regularisation[rows[first]] = np.abs(D.data).max(initial=0.0) ** 2 or 1.0
+        if not self.unique:
+            for rows, columns, block in parts(self.sparse_null_basis):
+                first = linalg.qr(block.toarray().T, mode="r", pivoting=True)[1][: len(columns)]
+                regularisation[rows[first]] = np.abs(D.data).max(initial=0.0) ** 2 or 1.0
         factor = BandCholesky(D, band, order, regularisation)
         if factor.error <= 1e-6:  # after refinement QR would gain nothing
             return factor
