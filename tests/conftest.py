@@ -94,7 +94,7 @@ def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
 def drawn(monkeypatch: pytest.MonkeyPatch) -> "list[Figure]":
     """The figures that are written meanwhile, in place of their files."""
     figures: list[Figure] = []
-    monkeypatch.setattr("mjsheaf.show.panels.write_figure", lambda figure, file, form: figures.append(figure))
+    monkeypatch.setattr("mjsheaf.show.plots.write_figure", lambda figure, file, form: figures.append(figure))
     return figures
 
 

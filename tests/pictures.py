@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from mjsheaf.arrays import Array
-from mjsheaf.show.panels import settle
+from mjsheaf.show.plots import settle
 
 
 class Written(NamedTuple):

@@ -20,7 +20,8 @@ from matplotlib.figure import Figure
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.files import FIGURE_FORMATS
-from mjsheaf.show.panels import (
+from mjsheaf.show.plots import (
+    _start_of_last_round,
     label_axes,
     label_ends,
     log_axis,
@@ -32,7 +33,6 @@ from mjsheaf.show.panels import (
     spread_ends,
     write_figure,
 )
-from mjsheaf.show.plots import _start_of_last_round
 from mjsheaf.show.style import BLUE, RED, FigureOptions, line_style, palette
 from tests.pictures import is_legible, overlaps, written
 

@@ -12,7 +12,7 @@ from stalks import PLACES, PROJECTION, sheaf, vector
 
 from mjsheaf import Sheaf
 from mjsheaf.arrays import Array
-from mjsheaf.show.panels import new_figure
+from mjsheaf.show.plots import new_figure
 
 TARGETS = {"buoy": np.array([0.0, 0.0]), "balloon": np.array([6.0, 3.0, 9.0])}
 """Positions of the targets of the second page, m."""

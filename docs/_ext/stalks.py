@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from mjsheaf import Sheaf
-from mjsheaf.show.panels import new_figure
+from mjsheaf.show.plots import new_figure
 
 PROJECTION = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Restriction map of the drone: its horizontal position."""

@@ -25,7 +25,7 @@ from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.loop.system import System
 from mjsheaf.section import Finite, Record
 from mjsheaf.sheaf import RANK_TOLERANCE
-from mjsheaf.sheaf.nonlinear import FREE_MOTION, SOLVED_RANK_TOLERANCE, Measure, linear_maps
+from mjsheaf.sheaf.nonlinear import FREE_MOTION, SOLVED_RANK_TOLERANCE, Measure, linear_edge
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.edges import LinearEdge
 from mjsheaf.team.team import describe, null_mode_basis, null_mode_of, sparsified
@@ -481,7 +481,7 @@ def _list_candidates(team: Team, positions: Array) -> tuple[list[Brace], Array]:
         tail, head = team.agents[i], team.agents[j]
         edge = LinearEdge(between=[tail.id, head.id], map=map_name, measures=kind).build(tail, head)
         z = edge.F_head @ positions[first[j] : first[j + 1]] - edge.F_tail @ positions[first[i] : first[i + 1]] + edge.b
-        maps = linear_maps(edge, z)
+        maps = linear_edge(edge, z)
         scale = math.sqrt(maps.weight[0, 0])
         block = np.zeros((3, len(positions)))
         block[: len(maps.F_tail), first[i] : first[i + 1]] = scale * maps.F_tail

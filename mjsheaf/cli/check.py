@@ -148,7 +148,7 @@ def _draw(examination: "Examination", figures: "FigureOptions", plot: Path) -> l
     """Draw an examination into files, and return them."""
     from mjsheaf.cli.figures import draw_check
     from mjsheaf.files import naming, whole_file
-    from mjsheaf.show.panels import write_figure
+    from mjsheaf.show.plots import write_figure
 
     figure = draw_check(examination, figures)
     paths = list(figures.paths(plot))

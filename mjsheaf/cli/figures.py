@@ -14,7 +14,7 @@ from mjsheaf.checking.check import Examination
 from mjsheaf.checking.record import CheckRecord, headline
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.loop.system import System
-from mjsheaf.show.panels import (
+from mjsheaf.show.plots import (
     MOST_NAMED,
     NORMAL,
     TICK,

@@ -19,7 +19,7 @@ from mjsheaf.comparing.variants import (
     distances,
 )
 from mjsheaf.results.store import thin
-from mjsheaf.show.panels import (
+from mjsheaf.show.plots import (
     NORMAL,
     SMALL,
     TICK,
@@ -28,12 +28,12 @@ from mjsheaf.show.panels import (
     label_ends,
     legend_below,
     log_axis,
+    mark_times,
     new_figure,
     save_figure,
     settle,
     spread_ends,
 )
-from mjsheaf.show.plots import mark_times
 from mjsheaf.show.style import AS_USUAL, BLUE, RED, FigureOptions, line_style
 
 _ALL, _BASE, _GREY = RED, "#8A94A6", "#C4CAD4"

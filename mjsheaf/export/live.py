@@ -21,8 +21,6 @@ from mjsheaf.live import PORT
 from mjsheaf.loop.system import Phase
 from mjsheaf.scenario import Scenario
 
-_FRAME = 0.03  # least simulated time between messages, s
-_AGAIN = 1.0  # time after which vehicles are shown again to those who have come since, s
 
 
 class Log(mcap.Log):
@@ -83,11 +81,11 @@ class Log(mcap.Log):
         if self._first < 0:
             self._first = moment.time
             self._begun = time.monotonic()
-        elif moment.phase == self._phase and moment.time - self._sent < 1e9 * _FRAME:
+        elif moment.phase == self._phase and moment.time - self._sent < 3e7:  # 0.03 s between messages
             return
         due = self._begun + (moment.time - self._first) / 1e9 / self.pace
         time.sleep(max(0.0, due - time.monotonic()))
-        if time.monotonic() - self._shown >= _AGAIN:
+        if time.monotonic() - self._shown >= 1.0:  # for those who have come since
             self._shown = time.monotonic()
             self.write_vehicles()
         self._sent = moment.time

@@ -6,7 +6,7 @@ initial size, so that files stay small.
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from itertools import chain
@@ -129,14 +129,45 @@ class LogSink(ABC):
     def write(self, chunk: xr.Dataset) -> None:
         """Write the samples of a chunk."""
         self.failed = True
-        for moment in self._moments(chunk):
-            self.last = moment.time
+        times = np.rint(1e9 * chunk["time"].values).astype(np.int64).tolist()
+        values = {name: chunk[name].values for name in self.labels}
+        poses = self._poses(chunk)
+        goals = goals_in(chunk, poses[..., :3])
+        flow = np.nan_to_num(joined(chunk, "flow"))
+        residual = residuals_in(chunk, self.phases, np.nan_to_num(joined(chunk, "position")))
+        low, high = np.log((0.01, 10.0))  # residuals at the ends of the colour scale, m
+        with np.errstate(all="ignore"):
+            goals = np.rint(goals / self._step) * self._step
+            part = (np.log(residual) - low) / (high - low)
+        levels = np.clip(np.nan_to_num(np.floor(part * _LEVELS), nan=_LEVELS), 0, _LEVELS - 1).astype(np.int64)
+        for row, (time, k) in enumerate(zip(times, chunk["phase"].values.tolist(), strict=True)):
+            team = self.phases[k].system.team
+            present = np.append(team.present, np.ones(len(team.targets), dtype=bool))
+            visible = np.isfinite(poses[row]).all(axis=1) & present
+            shown = visible[self._ends].all(axis=1) & ~np.isnan(residual[row])
+            owners = np.flatnonzero(np.isfinite(goals[row]).all(axis=1) & team.present)
+            # Slowest flow with an arrow, m/s.
+            drifting = np.flatnonzero(visible & (np.linalg.norm(flow[row], axis=1) >= 2.0**-6))
+            self.last = time
             if self._phase < 0:
                 self.write_vehicles()
-            self.write_moment(moment)
-            for words in chain(*(phase.events for phase in self.phases[self._phase + 1 : moment.phase + 1])):
+            self.write_moment(
+                Moment(
+                    time=time,
+                    phase=k,
+                    poses=poses[row],
+                    edges=self._ends[shown],
+                    levels=levels[row, shown],
+                    owners=owners,
+                    goals=goals[row, owners],
+                    drifting=drifting,
+                    flow=flow[row, drifting],
+                    values={name: array[row] for name, array in values.items()},
+                )
+            )
+            for words in chain(*(phase.events for phase in self.phases[self._phase + 1 : k + 1])):
                 self.write_log("INFO", words)
-            self._phase = moment.phase
+            self._phase = k
         self.status = chunk.attrs["status"], chunk.attrs["message"]
         self.failed = False
 
@@ -168,40 +199,6 @@ class LogSink(ABC):
                 if self.status[0] == "unstable":
                     self.write_log("ERROR", self.status[1])
                 self.finish()
-
-    def _moments(self, chunk: xr.Dataset) -> Iterator[Moment]:
-        """Return the samples of the next chunk of the run."""
-        times = np.rint(1e9 * chunk["time"].values).astype(np.int64).tolist()
-        values = {name: chunk[name].values for name in self.labels}
-        poses = self._poses(chunk)
-        goals = goals_in(chunk, poses[..., :3])
-        flow = np.nan_to_num(joined(chunk, "flow"))
-        residual = residuals_in(chunk, self.phases, np.nan_to_num(joined(chunk, "position")))
-        low, high = np.log((0.01, 10.0))  # residuals at the ends of the colour scale, m
-        with np.errstate(all="ignore"):
-            goals = np.rint(goals / self._step) * self._step
-            part = (np.log(residual) - low) / (high - low)
-        levels = np.clip(np.nan_to_num(np.floor(part * _LEVELS), nan=_LEVELS), 0, _LEVELS - 1).astype(np.int64)
-        for row, (time, k) in enumerate(zip(times, chunk["phase"].values.tolist(), strict=True)):
-            team = self.phases[k].system.team
-            present = np.append(team.present, np.ones(len(team.targets), dtype=bool))
-            visible = np.isfinite(poses[row]).all(axis=1) & present
-            shown = visible[self._ends].all(axis=1) & ~np.isnan(residual[row])
-            owners = np.flatnonzero(np.isfinite(goals[row]).all(axis=1) & team.present)
-            # Slowest flow with an arrow, m/s.
-            drifting = np.flatnonzero(visible & (np.linalg.norm(flow[row], axis=1) >= 2.0**-6))
-            yield Moment(
-                time=time,
-                phase=k,
-                poses=poses[row],
-                edges=self._ends[shown],
-                levels=levels[row, shown],
-                owners=owners,
-                goals=goals[row, owners],
-                drifting=drifting,
-                flow=flow[row, drifting],
-                values={name: array[row] for name, array in values.items()},
-            )
 
     def _poses(self, chunk: xr.Dataset) -> Array:
         """Return position and quaternion x, y, z, w of all vehicles, shape (T, V, 7).
@@ -242,20 +239,11 @@ def require_installed(formats: Sequence[str]) -> list[Callable[..., Sink]]:
     return found
 
 
-def make_sink(format_name: str, path: Path, scenario: Scenario, phases: Sequence[Phase], source: Path) -> Sink:
-    """Return the sink that writes a run to `path`; `source` is the scenario's file, which it includes.
-
-    Raises:
-        InputError: The packages of the extra `mcap` are not installed.
-    """
-    (kind,) = require_installed([format_name])
-    return kind(path, scenario, phases, source)
-
-
 def sinks_of(formats: Sequence[str], directory: Path, scenario: Scenario, phases: Sequence[Phase]) -> list[Sink]:
     """Return the sinks that write a run's exports into its directory, which has scenario.yaml; 'live' writes none."""
     source = directory / "scenario.yaml"
-    return [make_sink(name, directory / FORMATS.get(name, os.devnull), scenario, phases, source) for name in formats]
+    kinds = zip(formats, require_installed(formats), strict=True)
+    return [kind(directory / FORMATS.get(name, os.devnull), scenario, phases, source) for name, kind in kinds]
 
 
 def export_run(directory: Path, format_name: str, out: Path | None = None) -> Path:
@@ -270,13 +258,13 @@ def export_run(directory: Path, format_name: str, out: Path | None = None) -> Pa
         InputError: The directory holds no run, a package is missing, or nothing can be written there.
     """
     path = directory / FORMATS[format_name] if out is None else out
-    require_installed([format_name])
+    (kind,) = require_installed([format_name])
     with reopen_run(directory) as (scenario, dataset, _), ExitStack() as stack, naming(path):
         strange = strange_in_bag(path) if format_name == "ros2" else []
         if strange:
             raise InputError(f"{path}: holds {strange[0]!r}, which mjsheaf did not write; choose another with --out")
         part = stack.enter_context(whole_directory(path) if format_name == "ros2" else whole_file(path))
-        sink = make_sink(format_name, part, scenario, scenario.phases, directory / "scenario.yaml")
+        sink = kind(part, scenario, scenario.phases, directory / "scenario.yaml")
         pieces = split(dataset, length_of_piece(dataset))
         send((piece.load() for piece in pieces), sink)
     return path

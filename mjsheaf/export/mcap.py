@@ -21,12 +21,12 @@ from mjsheaf.arrays import Array
 from mjsheaf.export.log import ARROW, HALF_OPEN, PALETTE, TOPICS, WORLD, LogSink, Moment
 from mjsheaf.loop.system import Phase
 from mjsheaf.scenario import Scenario
-from mjsheaf.show.solids import Part
 
 MAX_FIELDS = 4000
 """Maximum number of labels with a field each; protobuf allows some 8,000 lists in a message."""
 
 _FIELD = descriptor_pb2.FieldDescriptorProto
+_UPRIGHT = {"w": 1.0}
 _TURNS = 2.0**6  # steps of the components of an arrow's quaternion, and of the mantissa of its length
 
 
@@ -54,9 +54,8 @@ class Log(LogSink):
         poses = transforms_pb2.FrameTransforms()
         stamp = self._stamp
         for frame, pose in self.placed(moment):
-            own = poses.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame)
-            _set_point(own.translation, pose)
-            _set_quaternion(own.rotation, pose[3:])
+            place = {"translation": _point(pose), "rotation": _quaternion(pose[3:])}
+            poses.transforms.add(timestamp=stamp, parent_frame_id=WORLD, child_frame_id=frame, **place)
         self._send("/tf", poses)
         self._send("/scene", self._scene(moment))
         for topic, kind in self._kinds.items():
@@ -97,19 +96,22 @@ class Log(LogSink):
         edges = message.entities.add(frame_id=WORLD, id="edges", timestamp=stamp)
         goals = message.entities.add(frame_id=WORLD, id="goals", timestamp=stamp)
         for level in np.unique(moment.levels).tolist():
-            line = edges.lines.add(type=LinePrimitive.LINE_LIST, thickness=2.0, scale_invariant=True)
-            _set_colour(line.color, PALETTE[level])
-            line.pose.orientation.w = 1.0
             ends, indices = np.unique(moment.edges[moment.levels == level], return_inverse=True)
-            for point in moment.poses[ends].tolist():
-                _set_point(line.points.add(), point)
-            line.indices.extend(indices.ravel().tolist())
+            edges.lines.add(
+                type=LinePrimitive.LINE_LIST,
+                pose={"orientation": _UPRIGHT},
+                thickness=2.0,
+                scale_invariant=True,
+                points=[_point(place) for place in moment.poses[ends].tolist()],
+                color=_colour(PALETTE[level]),
+                indices=indices.ravel().tolist(),
+            )
         for owner, place in zip(moment.owners.tolist(), moment.goals.tolist(), strict=True):
-            ball = goals.spheres.add()
-            _set_point(ball.pose.position, place)
-            ball.pose.orientation.w = 1.0
-            _set_point(ball.size, [2.0 * float(self.radii[owner])] * 3)
-            _set_colour(ball.color, [*self.colours[owner], HALF_OPEN])
+            goals.spheres.add(
+                pose={"position": _point(place), "orientation": _UPRIGHT},
+                size=_point([2.0 * float(self.radii[owner])] * 3),
+                color=_colour([*self.colours[owner], HALF_OPEN]),
+            )
         # The arrow of each vehicle's flow is in the vehicle's frame: its start need not be written.
         arrows = [
             message.entities.add(frame_id=frame, id=f"flow {frame}", frame_locked=True).arrows for frame in self.frames
@@ -117,10 +119,14 @@ class Log(LogSink):
         turns = Rotation.from_quat(moment.poses[moment.drifting, 3:])
         quaternions, lengths = turn_along(turns.inv().apply(moment.flow))
         for vehicle, quaternion, length in zip(moment.drifting.tolist(), quaternions, lengths, strict=True):
-            arrow = arrows[vehicle].add(shaft_length=0.75 * length, head_length=0.25 * length)
-            arrow.shaft_diameter, arrow.head_diameter = 0.0625, 0.1875
-            _set_quaternion(arrow.pose.orientation, quaternion)
-            _set_colour(arrow.color, ARROW)
+            arrows[vehicle].add(
+                pose={"orientation": _quaternion(quaternion)},
+                shaft_length=0.75 * length,
+                shaft_diameter=0.0625,
+                head_length=0.25 * length,
+                head_diameter=0.1875,
+                color=_colour(ARROW),
+            )
         return message
 
     def write_vehicles(self) -> None:
@@ -129,7 +135,17 @@ class Log(LogSink):
         for frame, solids in zip(self.frames, self.solids, strict=True):
             entity = message.entities.add(frame_id=frame, id=frame, frame_locked=True, timestamp=self._stamp)
             for solid in solids:
-                _add_solid(entity, solid)
+                pose = {"position": _point(solid.pose.tolist()), "orientation": _quaternion(solid.pose[3:].tolist())}
+                shape = {"pose": pose, "color": _colour(solid.colour)}
+                size = _point(solid.size.tolist())
+                if solid.shape == "triangles":
+                    entity.triangles.add(points=[_point(corner) for corner in solid.points.tolist()], **shape)
+                elif solid.shape == "cylinder":
+                    entity.cylinders.add(size=size, bottom_scale=1.0, top_scale=1.0, **shape)
+                elif solid.shape == "box":
+                    entity.cubes.add(size=size, **shape)
+                else:
+                    entity.spheres.add(size=size, **shape)
         self._send("/vehicles", message)
 
 
@@ -179,21 +195,6 @@ def _significant(values: Array, steps: float = 2.0**12) -> Array:
         return np.asarray(np.ldexp(np.rint(mantissa * steps) / steps, exponent))
 
 
-def _add_solid(entity: Any, solid: Part) -> None:
-    """Add a solid to an entity of the scene."""
-    places = {"sphere": entity.spheres, "box": entity.cubes, "cylinder": entity.cylinders}
-    shape = places.get(solid.shape, entity.triangles).add()
-    _set_point(shape.pose.position, solid.pose.tolist())
-    _set_quaternion(shape.pose.orientation, solid.pose[3:].tolist())
-    _set_colour(shape.color, solid.colour)
-    if solid.shape == "cylinder":
-        shape.bottom_scale, shape.top_scale = 1.0, 1.0
-    if solid.shape != "triangles":
-        _set_point(shape.size, solid.size.tolist())
-    for point in solid.points.tolist():
-        _set_point(shape.points.add(), point)
-
-
 def turn_along(velocities: Array) -> tuple[list[list[float]], list[float]]:
     """Return the rounded quaternion x, y, z, w that turns the x axis along each velocity, and the velocity's norm."""
     speed = np.linalg.norm(velocities, axis=1)
@@ -206,13 +207,13 @@ def turn_along(velocities: Array) -> tuple[list[list[float]], list[float]]:
     return (np.rint(quaternions * _TURNS) / _TURNS).tolist(), _significant(speed, _TURNS).tolist()
 
 
-def _set_point(message: Any, point: Sequence[float]) -> None:
-    message.x, message.y, message.z = point[0], point[1], point[2]
+def _point(place: Sequence[float]) -> dict[str, float]:
+    return {"x": place[0], "y": place[1], "z": place[2]}
 
 
-def _set_quaternion(message: Any, quaternion: Sequence[float]) -> None:
-    message.x, message.y, message.z, message.w = quaternion
+def _quaternion(quaternion: Sequence[float]) -> dict[str, float]:
+    return dict(zip("xyzw", quaternion, strict=True))
 
 
-def _set_colour(message: Any, colour: Any) -> None:
-    message.r, message.g, message.b, message.a = (float(part) for part in colour)
+def _colour(rgba: Any) -> dict[str, float]:
+    return dict(zip("rgba", map(float, rgba), strict=True))

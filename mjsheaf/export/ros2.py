@@ -14,7 +14,6 @@ from mjsheaf.export.log import ARROW, HALF_OPEN, PALETTE, TOPICS, WORLD, LogSink
 from mjsheaf.loop.system import Phase
 from mjsheaf.results.store import BAG
 from mjsheaf.scenario import Scenario
-from mjsheaf.show.solids import Part
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _SHORT = {
@@ -59,6 +58,7 @@ _LATCHED = {
     "avoid_ros_namespace_conventions": False,
 }
 """Quality of service of messages that a subscriber gets although it comes later."""
+_NO_POINTS: Array = np.zeros((0, 3))
 _HERE = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
@@ -150,11 +150,10 @@ class Log(LogSink):
         """Return edges, desired positions and arrows, after everything of the sample before is deleted."""
         markers = [_marker(header, "", 0, _MARKER.ARROW, action=_MARKER.DELETEALL)]
         if len(moment.edges):
-            points = _points(moment.poses[moment.edges.ravel(), :3])
-            colours = [_colour(PALETTE[level]) for level in np.repeat(moment.levels, 2).tolist()]
-            lines = _marker(header, "edges", 0, _MARKER.LINE_LIST, scale=[0.05, 0.0, 0.0], points=points)
-            lines.colors = colours
-            markers.append(lines)
+            points = moment.poses[moment.edges.ravel(), :3]
+            colours = PALETTE[np.repeat(moment.levels, 2)]
+            width = [0.05, 0.0, 0.0]
+            markers.append(_marker(header, "edges", 0, _MARKER.LINE_LIST, scale=width, points=points, colours=colours))
         for owner, goal in zip(moment.owners.tolist(), moment.goals.tolist(), strict=True):
             size = [2.0 * float(self.radii[owner])] * 3
             colour = [*self.colours[owner], HALF_OPEN]
@@ -162,7 +161,7 @@ class Log(LogSink):
             markers.append(_marker(header, "goals", owner, _MARKER.SPHERE, pose=pose, scale=size, colour=colour))
         for vehicle, flow in zip(moment.drifting.tolist(), moment.flow, strict=True):
             start = moment.poses[vehicle, :3]
-            points = _points(np.array([start, start + flow]))
+            points = np.array([start, start + flow])
             shape = [0.0625, 0.1875, 0.0]
             markers.append(_marker(header, "flow", vehicle, _MARKER.ARROW, scale=shape, colour=ARROW, points=points))
         return _Type["markers"](markers)
@@ -172,18 +171,11 @@ class Log(LogSink):
         markers = []
         for frame, solids in zip(self.frames, self.solids, strict=True):
             header = _Type["header"](_stamp(self.last), frame)
-            markers += [_solid(header, frame, k, solid) for k, solid in enumerate(solids)]
+            for k, solid in enumerate(solids):
+                place = {"pose": solid.pose.tolist(), "scale": solid.size.tolist(), "points": solid.points}
+                shape = _SHAPES[solid.shape]
+                markers.append(_marker(header, frame, k, shape, **place, colour=solid.colour, frame_locked=True))
         self._send("/vehicles", "markers", _Type["markers"](markers), latched=True)
-
-
-def _solid(header: Any, frame: str, number: int, solid: Part) -> Any:
-    """Return the marker of a vehicle's solid."""
-    marker = _marker(
-        header, frame, number, _SHAPES[solid.shape], pose=solid.pose.tolist(), scale=solid.size.tolist(),
-        colour=solid.colour, points=_points(solid.points),
-    )  # fmt: skip
-    marker.frame_locked = True
-    return marker
 
 
 def _marker(
@@ -196,9 +188,11 @@ def _marker(
     pose: Sequence[float] = tuple(_HERE),
     scale: Sequence[float] = (1.0, 1.0, 1.0),
     colour: Any = (1.0, 1.0, 1.0, 1.0),
-    points: Sequence[Any] = (),
+    points: Array = _NO_POINTS,
+    colours: Array = _NO_POINTS,
+    frame_locked: bool = False,
 ) -> Any:
-    """Return a marker."""
+    """Return a marker; `points` has shape (n, 3), and `colours`, RGBA of each point, (n, 4)."""
     return _MARKER(
         header=header,
         ns=name,
@@ -209,9 +203,9 @@ def _marker(
         scale=_Type["vector"](*scale),
         color=_colour(colour),
         lifetime=_Type["duration"](0, 0),
-        frame_locked=False,
-        points=list(points),
-        colors=[],
+        frame_locked=frame_locked,
+        points=[_Type["point"](*point) for point in points.tolist()],
+        colors=[_colour(rgba) for rgba in colours],
         texture_resource="",
         texture=_Type["image"](header, "", np.zeros(0, np.uint8)),
         uv_coordinates=[],
@@ -220,10 +214,6 @@ def _marker(
         mesh_file=_Type["mesh"]("", np.zeros(0, np.uint8)),
         mesh_use_embedded_materials=False,
     )
-
-
-def _points(points: Array) -> list[Any]:
-    return [_Type["point"](*point) for point in points.tolist()]
 
 
 def _colour(colour: Any) -> Any:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
 from mjsheaf.loop.system import System
 from mjsheaf.media.flow import FlowField
-from mjsheaf.page.page import Live, Packer, Scene, add_samples, law_in_words, origin_of, page_of
+from mjsheaf.page.page import Packer, Scene, add_samples, law_in_words, origin_of, page_of
 from mjsheaf.results.dataset import join, make_datasets
 from mjsheaf.results.store import Memory, Sink
 from mjsheaf.scenario import Scenario
@@ -185,6 +186,7 @@ def _replaces(new: Event, old: Event) -> bool:
 # -- frames ------------------------------------------------------------------------------------------------------------
 
 
+@dataclass
 class Row(Packer):
     """Packer that keeps one sample as 32-bit floats.
 
@@ -192,10 +194,7 @@ class Row(Packer):
         values: Values by name, flat.
     """
 
-    def __init__(self) -> None:
-        """Start empty."""
-        super().__init__()
-        self.values: dict[str, NDArray[np.float32]] = {}
+    values: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
     def add_fixed(self, name: str, values: Array, step: float) -> Array:
         """Keep values; `step` is not used."""
@@ -251,7 +250,7 @@ class Display:
             "end": scenario.time.end,
             "agents": team.agent_ids,
             "links": list(pairs.values()),
-            "address": server.socket_address,
+            "address": f"ws://{server.host}/live",
         }
         self._again = f"mjsheaf view {scenario.name} --backend {recorder.session.backend}", ""
 
@@ -279,8 +278,10 @@ class Display:
         dataset = self._last if self._history.overflowed else self._history.dataset
         assert dataset is not None, "there is no page before the first sample"
         phases = self._recorder.session.engine.phases
-        live = Live(self._controls, self._ahead)
-        page = page_of(self._recorder.origin, phases, dataset, {}, (), again=self._again, live=live)
+        page = page_of(
+            self._recorder.origin, phases, dataset, {}, (),
+            again=self._again, controls=self._controls, ahead=self._ahead,
+        )  # fmt: skip
         self._edges = list(edges_of(phases))
         self._origin = origin_of(dataset)
         self._scene = Scene.of(self._ahead - self._origin)

@@ -26,7 +26,6 @@ except ImportError:
 
 _MAX_MESSAGE = 4096  # bytes of an action
 _MOST_WAIT = 60.0  # s that a browser waits for a page
-_MOST_ACTIONS = 100  # that wait for the run
 _HEADERS = {
     "Content-Type": "text/html; charset=utf-8",
     "Cache-Control": "no-store",
@@ -48,6 +47,7 @@ class Server:
         opened: True from when a page was opened for the first time.
         closed: True after the page was closed.
         page_wanted: True while a browser waits for a page.
+        host: Address and port.
     """
 
     def __init__(self, port: int = 0) -> None:
@@ -92,11 +92,6 @@ class Server:
     def url(self) -> str:
         """Address of the page, with the token."""
         return f"http://{self.host}/?token={self.token}"
-
-    @property
-    def socket_address(self) -> str:
-        """Address of the websocket, without the token."""
-        return f"ws://{self.host}/live"
 
     def answer(self, page: bytes) -> None:
         """Give a page to the browser that waits for it."""
@@ -187,7 +182,7 @@ class Server:
                 with suppress(ValueError, RecursionError):
                     action = json.loads(message)
                 with self._changed:
-                    if isinstance(action, dict) and len(self._actions) < _MOST_ACTIONS:
+                    if isinstance(action, dict) and len(self._actions) < 100:
                         self._actions.append(action)
                     self._changed.notify_all()
         # The server closes after a client has left, unless its page comes back: it may have been reloaded.

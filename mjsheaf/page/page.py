@@ -88,7 +88,6 @@ class Packer:
 
     index: dict[str, dict[str, Any]] = field(default_factory=dict)
     _planes: list[bytes] = field(default_factory=list)
-    _size: int = 0
 
     def add_fixed(self, name: str, values: Array, step: float) -> Array:
         """Add values rounded to multiples of a step, shape (K, ...); returns them as the page has them."""
@@ -108,11 +107,10 @@ class Packer:
 
     def _add(self, name: str, whole: NDArray[np.int32], step: float) -> None:
         columns = whole.reshape(len(whole), -1)
-        self.index[name] = {"shape": columns.shape, "at": self._size, "step": step}
+        self.index[name] = {"shape": columns.shape, "at": sum(map(len, self._planes)), "step": step}
         change = np.diff(columns, axis=0, prepend=np.int32(0))  # modulo 2^32, as the browser adds them
         signed = np.ascontiguousarray(((change << 1) ^ (change >> 31)).T, "<i4")
         self._planes.append(signed.view(np.uint8).reshape(-1, 4).T.tobytes())
-        self._size += 4 * columns.size
 
     def packed(self) -> str:
         """Everything, compressed, in base64."""
@@ -254,8 +252,7 @@ def add_samples(
 
 def origin_of(dataset: xr.Dataset) -> Array:
     """A place near where a run begins, shape (3,), m: see the module."""
-    names = [f"{kind}_position" for kind in ("agent", "target")]
-    first = np.nan_to_num(np.concatenate([dataset[name][:1].values.reshape(-1, 3) for name in names]))
+    first = np.nan_to_num(joined(dataset.isel(time=[0]), "position")[0])
     first = first[np.abs(first).max(axis=1) < _FARTHEST]
     return _ORIGINS * np.round(np.median(first, axis=0) / _ORIGINS) if len(first) else np.zeros(3)
 
@@ -387,19 +384,6 @@ def add_ghosts(
 # -- the page ----------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Live:
-    """Connection of a page to a run in progress.
-
-    Attributes:
-        controls: What the page lets its user change, with the `address` of the websocket; see `mjsheaf.live`.
-        ahead: Points that vehicles are expected to reach, shape (K, 3), m.
-    """
-
-    controls: dict[str, Any]
-    ahead: Array
-
-
 def page_of(
     scenario: Scenario,
     phases: Sequence[Phase],
@@ -410,7 +394,8 @@ def page_of(
     notes: Sequence[Any] = (),
     ghosts: Sequence[Ghost] = (),
     again: tuple[str, str] | None = None,
-    live: Live | None = None,
+    controls: dict[str, Any] | None = None,
+    ahead: Array | None = None,
 ) -> bytes:
     """Make the page of a run, as HTML.
 
@@ -423,21 +408,36 @@ def page_of(
         notes: what a reader should know: sentences, or mappings with `text`, and `agent` and `time` where they apply.
         ghosts: Other runs, drawn translucent.
         again: the command that makes the run again, and where; None for that in a run's directory.
-        live: Connection to a run in progress; None for a finished one.
+        controls: What the page of a run in progress lets its user change, with the `address` of the websocket; see
+            `mjsheaf.live`. None for a finished run.
+        ahead: Points that vehicles of a run in progress are expected to reach, shape (K, 3), m.
     """
     content = played(scenario, dataset, phases)
     curves = bound_curves(phases, dataset, bounds)
-    replay, data = pack(content, dataset, phases, curves, ghosts, None if live is None else live.ahead)
+    replay, data = pack(content, dataset, phases, curves, ghosts, ahead)
+    theory = [  # of each phase that the run reached
+        {
+            "time": phase.time,
+            "events": list(phase.events),
+            "assumptions": [
+                {"number": a.number, "name": a.name, "verdict": a.verdict, "why": a.witness}
+                for a in theorem.certificate.assumptions
+            ],
+            "theorem": {"applies": theorem.applies, "approximate": theorem.approximate, "reason": theorem.reason},
+            "held": {"applies": of_law.samples is not None, "reason": of_law.reason},
+        }
+        for phase, (theorem, of_law) in zip(phases, bounds, strict=False)
+    ]
     said = {
         **replay,
         **_scene(scenario, content, phases, dataset, replay),
-        "facts": _facts(scenario, phases, dataset, summary, again) | {"theory": _theory(phases, bounds)},
+        "facts": _facts(scenario, phases, dataset, summary, again) | {"theory": theory},
         "notes": [note if isinstance(note, dict) else {"text": str(note)} for note in notes],
     }
     connect = ""
-    if live is not None:
-        said["live"] = live.controls | {"ahead": (live.ahead - replay["origin"]).round(2).tolist()}
-        connect = f"; connect-src {live.controls['address']}"
+    if controls is not None and ahead is not None:
+        said["live"] = controls | {"ahead": (ahead - replay["origin"]).round(2).tolist()}
+        connect = f"; connect-src {controls['address']}"
     return _fill(said, data, connect)
 
 
@@ -599,23 +599,6 @@ def _facts(
 def law_in_words(system: System) -> str:
     """Return the law of a system with its gain and its terms."""
     return ", ".join(["sheaf law", f"gain {system.gain:g} 1/s", *system.law.term_names])
-
-
-def _theory(phases: Sequence[Phase], bounds: Bounds) -> list[dict[str, Any]]:
-    """Return start, events and theoretical results of each phase that a run reached."""
-    return [
-        {
-            "time": phase.time,
-            "events": list(phase.events),
-            "assumptions": [
-                {"number": a.number, "name": a.name, "verdict": a.verdict, "why": a.witness}
-                for a in theorem.certificate.assumptions
-            ],
-            "theorem": {"applies": theorem.applies, "approximate": theorem.approximate, "reason": theorem.reason},
-            "held": {"applies": of_law.samples is not None, "reason": of_law.reason},
-        }
-        for phase, (theorem, of_law) in zip(phases, bounds, strict=False)
-    ]
 
 
 def _hash(text: str) -> str:

@@ -25,17 +25,17 @@ from mjsheaf.results.store import reopen_run, replaced_run, save_summary, stagin
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
-from mjsheaf.show.panels import (
+from mjsheaf.show.plots import (
     WIDTH,
     label_axes,
     legend_below,
     log_axis,
+    mark_times,
     new_figure,
     plain,
     save_figure,
     settle,
 )
-from mjsheaf.show.plots import mark_times
 from mjsheaf.show.style import AS_USUAL, FigureOptions, line_style
 
 MAX_RUNS = 8

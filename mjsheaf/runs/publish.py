@@ -43,8 +43,7 @@ from mjsheaf.runs.simulate import Progress, no_progress, stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import map_vehicles, same_law
 from mjsheaf.scenario.slips import slips_of
-from mjsheaf.show.panels import figure_bytes
-from mjsheaf.show.plots import draw_configurations, draw_errors, draw_trajectories
+from mjsheaf.show.plots import draw_configurations, draw_errors, draw_trajectories, figure_bytes
 from mjsheaf.show.style import AS_USUAL, MATPLOTLIB, FigureOptions
 from mjsheaf.vehicles.loading import files_of, read_description
 from mjsheaf.video.film import Film, VideoOptions, film_of, video_options

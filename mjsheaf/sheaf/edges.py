@@ -147,13 +147,14 @@ def merge(bundles: list[EdgeBundle]) -> list[EdgeBundle]:
     alike: dict[tuple[int, ...], list[EdgeBundle]] = defaultdict(list)
     for bundle in bundles:
         alike[(*bundle.F_tail.shape[1:], bundle.F_head.shape[2], bundle.weight is None)].append(bundle)
-    return [group[0] if len(group) == 1 else _join(group) for group in alike.values()]
-
-
-def _join(group: list[EdgeBundle]) -> EdgeBundle:
-    columns: Any = ([getattr(bundle, one.name) for bundle in group] for one in fields(EdgeBundle))
-    joined: list[Any] = [None if column[0] is None else np.concatenate(column) for column in columns]
-    return EdgeBundle(*joined)
+    joined = []
+    for group in alike.values():
+        if len(group) > 1:
+            columns: Any = ([getattr(bundle, one.name) for bundle in group] for one in fields(EdgeBundle))
+            arrays: list[Any] = [None if column[0] is None else np.concatenate(column) for column in columns]
+            group = [EdgeBundle(*arrays)]
+        joined += group
+    return joined
 
 
 def ranges(begin: IntArray, length: IntArray) -> IntArray:
@@ -178,10 +179,6 @@ class Ends(NamedTuple):
         """An edge, for messages."""
         return f"edge ({self.tails[e]!r}, {self.heads[e]!r})"
 
-    def selected(self, edges: list[int]) -> "Ends":
-        """The ends of some of the edges."""
-        return Ends([self.tails[e] for e in edges], [self.heads[e] for e in edges], self.tail[edges], self.head[edges])
-
 
 def checked_bundle(
     ends: Ends, dimension: IntArray, number: IntArray, F_tail: Any, F_head: Any, b: Any = None, K: Any = None
@@ -200,8 +197,20 @@ def checked_bundle(
         raise SheafError(f"{ends.name(loops[0])} is a loop; its ends must differ")
     F_tail = finite(F_tail, "F_tail", ends)
     F_head = finite(F_head, "F_head", ends)
-    _require_fitting_maps(F_tail, "tail", ends, ends.tails, dimension[ends.tail])
-    _require_fitting_maps(F_head, "head", ends, ends.heads, dimension[ends.head])
+    for F, name, vertices, numbers in (
+        (F_tail, "tail", ends.tails, ends.tail),
+        (F_head, "head", ends.heads, ends.head),
+    ):
+        if F.ndim != 3 or F.shape[0] != k:
+            raise SheafError(f"maps of the {name}s have shape {F.shape}; expected ({k}, m, n)")
+        wrong = np.flatnonzero(dimension[numbers] != F.shape[2])
+        if wrong.size:
+            e = wrong[0]
+            n = dimension[numbers[e]]
+            raise SheafError(
+                f"{ends.name(e)}: the map of {name} {vertices[e]!r} has shape {F.shape[1:]}, "
+                f"but the stalk has dimension {n}; expected (m, {n})"
+            )
     m = F_tail.shape[1]
     if F_head.shape[1] != m:
         raise SheafError(
@@ -213,19 +222,6 @@ def checked_bundle(
         raise SheafError(f"offset has shape {offset.shape}; expected ({k}, {m})")
     weight = None if K is None else _checked_weights(K, ends, m)
     return EdgeBundle(ends.tail, ends.head, F_tail.copy(), F_head.copy(), offset, weight, number)
-
-
-def _require_fitting_maps(F: Array, name: str, ends: Ends, vertices: Sequence[Any], dimension: IntArray) -> None:
-    """Refuse maps unless there is one for each edge, from the stalk of its tail or head, which has a dimension (k,)."""
-    if F.ndim != 3 or F.shape[0] != len(dimension):
-        raise SheafError(f"maps of the {name}s have shape {F.shape}; expected ({len(dimension)}, m, n)")
-    wrong = np.flatnonzero(dimension != F.shape[2])
-    if wrong.size:
-        e = wrong[0]
-        raise SheafError(
-            f"{ends.name(e)}: the map of {name} {vertices[e]!r} has shape {F.shape[1:]}, "
-            f"but the stalk has dimension {dimension[e]}; expected (m, {dimension[e]})"
-        )
 
 
 def _checked_weights(K: Any, ends: Ends, m: int) -> Array:

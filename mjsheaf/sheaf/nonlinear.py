@@ -24,9 +24,9 @@ fit, S is not symmetric.
 
 import itertools
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ from scipy.sparse.linalg import splu
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import SheafError
-from mjsheaf.sheaf.edges import Cochains, assembled
+from mjsheaf.sheaf.edges import Cochains
 from mjsheaf.sheaf.sections import RANK_TOLERANCE
 from mjsheaf.sheaf.sheaf import HarmonicExtension, Sheaf
 
@@ -56,24 +56,14 @@ UNIT_TOLERANCE = 1e-6
 """Largest difference of a desired bearing's length from 1; below it the vector is normalised."""
 
 _DAMPING = 1e-8  # of H, relative to its largest diagonal entry: keeps free motions where they are
-_FIRST_DAMPING = 1e-4
-_MAX_DAMPING = 1e6
-_STALE_ABOVE = 0.1  # ratio of two gradients above which H is factored again
-_MAX_STEPS = 200
 _CONVERGED = 1e-14  # of the pulls: a gradient of this size is rounding
 _STATIONARY = 1e-9  # of the pulls: largest gradient of what counts as a stationary point
-_CONTRACTION = 0.5 ** np.arange(14)  # of the team's extent: largest changes of steps, one midpoint after the other
-_MIDPOINTS = 20  # steps that are taken from their midpoints; near a point reflection more would be needed
 _STRAIGHT = 1e-3  # of the team's extent: longest step that needs no midpoint; ten times the tolerance of midpoints
 _SMALLEST_STEP = 1e-15  # of the team's extent
 _SLOW = 1e-12  # of the pulls: above it a gradient that hardly falls is no rounding
-_MAX_NEWTON = 8
-_MAX_FOLLOWED = 120  # steps along the law
 _TRIED = 4  # steps from one trial of Newton's method to the next
-_NEWTON = 0.25  # ratio of two gradients up to which Newton's method converges at once
 _LONGEST = 0.1  # of the team's extent: longest step of Newton's method
 _ROUNDING = 1e-13
-_MAX_DENSE = 600  # largest number of free coordinates whose singular values serve to solve
 _EXACT = 1e-7  # of the team's extent: residual of edges that fit
 _DENSE = 200  # largest number of free coordinates whose matrices are dense: sparse ones take 50 us an operation
 
@@ -117,19 +107,7 @@ class NonlinearEdge:
         return self.offset / float(np.linalg.norm(self.offset)) if self.measures == "bearing" else self.offset
 
 
-class LinearMaps(NamedTuple):
-    """A linear edge that agrees to first order with an edge at some z.
-
-    Attributes:
-        F_tail, F_head: J F_tail and J F_head, J = dh/dz up to sign.
-        weight: K there.
-        offset: Desired value of F_tail x_tail - F_head x_head.
-    """
-
-    F_tail: Array
-    F_head: Array
-    weight: Array
-    offset: Array
+_Edge = TypeVar("_Edge", bound=NonlinearEdge)
 
 
 def measure(measures: Measure, z: Array) -> tuple[Array, Array]:
@@ -146,10 +124,13 @@ def measure(measures: Measure, z: Array) -> tuple[Array, Array]:
     return g, J
 
 
-def linear_maps(edge: NonlinearEdge, z: Array) -> LinearMaps:
-    """Linearise an edge at the relative position z, shape (m,)."""
+def linear_edge(edge: _Edge, z: Array) -> _Edge:
+    """Return the edge that compares positions and agrees to first order with an edge at its z, shape (m,).
+
+    Its maps are J F_tail and J F_head, J = dh/dz up to sign, and its weight is K there.
+    """
     if edge.measures == "position":
-        return LinearMaps(edge.F_tail, edge.F_head, edge.weight, edge.b)
+        return replace(edge, offset=edge.b, lift=None)
     h, J = measure(edge.measures, z)
     if edge.measures == "range":
         weight = edge.weight[:1, :1]
@@ -157,7 +138,23 @@ def linear_maps(edge: NonlinearEdge, z: Array) -> LinearMaps:
     else:
         weight = edge.weight * (float(np.linalg.norm(z)) or 1.0)
         offset = J @ edge.b + h - edge.desired
-    return LinearMaps(J @ edge.F_tail, J @ edge.F_head, weight, offset)
+    F_tail = J @ edge.F_tail
+    F_head = J @ edge.F_head
+    return replace(edge, F_tail=F_tail, F_head=F_head, weight=weight, offset=offset, measures="position", lift=None)
+
+
+def linear_sheaf(stalks: Mapping[Any, int], edges: Sequence[NonlinearEdge]) -> Sheaf:
+    """Return the sheaf of edges that compare positions, with their offsets; directed ones count as if they were not."""
+    sheaf = Sheaf(stalks)
+    sheaf.add_mixed_edges(
+        [e.tail for e in edges],
+        [e.head for e in edges],
+        [e.F_tail for e in edges],
+        [e.F_head for e in edges],
+        offset=[e.b for e in edges],
+        weight=[e.weight for e in edges],
+    )
+    return sheaf
 
 
 def desired_value(measures: Measure, value: ArrayLike, m: int) -> Array:
@@ -260,7 +257,7 @@ class StationaryProblem:
     def solve(self, right_hand_side: ArrayLike) -> Array:
         """Compute the shortest x with H x = r for vectors r of shape (..., n_W), in the sense of least squares."""
         r = np.asarray(right_hand_side, dtype=np.float64)
-        if r.shape[-1] > _MAX_DENSE:
+        if r.shape[-1] > 600:  # singular values would take long
             solve = _factor_across(self.H, _DAMPING * float(np.abs(self.H.diagonal()).max()))
             return np.array([solve(each) for each in r.reshape(-1, r.shape[-1])]).reshape(r.shape)
         u, sizes, rows = self._singular
@@ -334,7 +331,32 @@ class NonlinearSheaf:
 
     @cached_property
     def _arrays(self) -> "_Arrays":
-        return _pack(self._dimension, self.edges)
+        edges = self.edges
+        none = np.zeros(0)
+        sizes = np.array([len(e.F_tail) for e in edges], dtype=np.int64)
+        first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        code = np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64)
+        moved, pulled = Sheaf(self._dimension), Sheaf(self._dimension)
+        ends = [e.tail for e in edges], [e.head for e in edges]
+        tails = [-e.F_tail for e in edges]
+        moved.add_mixed_edges(*ends, tails, [-e.F_head for e in edges])
+        pulled.add_mixed_edges(*ends, tails, [0.0 * e.F_head if e.directed else -e.F_head for e in edges])
+        weights = [e.weight if e.measures == "position" else 0.0 * e.weight for e in edges]
+        rows = [np.arange(begin, end) for begin, end in itertools.pairwise(first)]
+        pairs = [np.stack([np.repeat(r, len(r)), np.tile(r, len(r))]) for r in rows]
+        return _Arrays(
+            D=moved.edges.delta,
+            pulled=pulled.edges.delta,
+            lift=np.concatenate([none, *(np.zeros(len(e.b)) if e.measures == "position" else e.b for e in edges)]),
+            first=first,
+            code=code,
+            desired=np.concatenate([none, *(np.broadcast_to(e.desired, len(e.F_tail)) for e in edges)]),
+            weight=np.where(code > 0, np.concatenate([none, *(np.diag(e.weight) for e in edges)]), 0.0),
+            pairs=np.concatenate([np.zeros((2, 0), dtype=np.int64), *pairs], axis=1),
+            K=np.concatenate([none, *(weight.ravel() for weight in weights)]),
+            directed=any(e.directed for e in edges),
+            conservative=not any(e.directed or e.measures == "bearing" for e in edges),
+        )
 
     def pack(self, x: Any) -> Array:
         """Return a 0-cochain, given as a mapping or a vector, as a vector, shape (n,)."""
@@ -347,17 +369,8 @@ class NonlinearSheaf:
 
     def jacobian(self, x: Any) -> Sheaf:
         """Return the sheaf of the linear edges that agree with these to first order at x, with their offsets."""
-        sheaf = Sheaf(self._dimension)
-        linear = [linear_maps(edge, z) for edge, z in zip(self.edges, self.relative(x), strict=True)]
-        sheaf.add_mixed_edges(
-            [e.tail for e in self.edges],
-            [e.head for e in self.edges],
-            [e.F_tail for e in linear],
-            [e.F_head for e in linear],
-            offset=[e.offset for e in linear],
-            weight=[e.weight for e in linear],
-        )
-        return sheaf
+        linear = [linear_edge(edge, z) for edge, z in zip(self.edges, self.relative(x), strict=True)]
+        return linear_sheaf(self._dimension, linear)
 
     def misfits(self, x: Any) -> list[Array | None]:
         """Return S = dc/dz, shape (m_e, m_e), of every edge that does not fit at x; None where S is M.
@@ -366,11 +379,15 @@ class NonlinearSheaf:
         """
         arrays = self._arrays
         z = arrays.D @ self.pack(x) + arrays.lift
-        exact, fitting = (sparse.csr_array(of(z, arrays.K)) for of in (arrays.slope, arrays.metric))
-        tolerance = FREE_MOTION * _largest(fitting.data)
-        rows = [slice(begin, end) for begin, end in itertools.pairwise(arrays.first.tolist())]
-        fits = [_largest((exact[r, r] - fitting[r, r]).data) <= tolerance for r in rows]
-        return [None if one else exact[r, r].toarray() for one, r in zip(fits, rows, strict=True)]
+        exact = arrays.slope(z, arrays.desired)
+        fitting = arrays.slope(z, arrays.measured(z))
+        tolerance = FREE_MOTION * _largest(fitting)
+        sizes = np.diff(arrays.first)
+        of_each = (np.split(blocks, np.cumsum(sizes**2)[:-1]) for blocks in (exact, exact - fitting))
+        return [
+            None if _largest(off) <= tolerance else block.reshape(m, m)
+            for block, off, m in zip(*of_each, sizes.tolist(), strict=True)
+        ]
 
     def desired_of(self, aims: Array) -> Array:
         """Return h* of every row, shape (T, m), from a vector of every edge (T, m), opposite to the desired z.
@@ -378,9 +395,7 @@ class NonlinearSheaf:
         h* of positions is the vector itself, that of ranges its length, and that of bearings its direction, turned
         round.
         """
-        length = self._arrays.lengths(aims)
-        bearing = np.divide(-aims, length, out=np.zeros_like(aims), where=length > 0.0)
-        return np.where(self._arrays.code == 0, aims, np.where(self._arrays.code == 1, length, bearing))
+        return np.where(self._arrays.code == 0, aims, self._arrays.measured(-aims))
 
     def residuals(self, x: Array, desired: Array | None = None) -> Array:
         """Compute |h - h*| of every edge at 0-cochains (T, n), shape (T, E); of a bearing times abs(z).
@@ -390,10 +405,10 @@ class NonlinearSheaf:
         arrays = self._arrays
         desired = arrays.desired if desired is None else desired
         z = (arrays.D @ x.T).T + arrays.lift
-        off = np.where(arrays.code == 0, z + desired, z - arrays.lengths(z) * desired)
-        begin = arrays.first[:-1]
-        of_range = np.abs(arrays.norms(z) - desired[..., begin])
-        return np.where(arrays.code[begin] == 1, of_range, arrays.norms(off))
+        length = arrays.lengths(z)
+        off = np.where(arrays.code == 0, z + desired, z - length * desired)
+        each = np.where(arrays.code == 1, np.abs(length - desired), arrays.lengths(off))
+        return np.asarray(each[..., arrays.first[:-1]])
 
     def gradient(self, x: Any) -> Array:
         """Return D^T c of every vertex, shape (n,): the disagreement eta, against which the law moves agents."""
@@ -403,8 +418,8 @@ class NonlinearSheaf:
     def gradient_jacobian(self, x: Any) -> sparse.csr_array:
         """Return the Jacobian H = D^T S D of `gradient`, shape (n, n)."""
         arrays = self._arrays
-        slope = arrays.slope(arrays.D @ self.pack(x) + arrays.lift, arrays.K)
-        return sparse.csr_array(arrays.pulled.T @ slope @ arrays.D)
+        slope = arrays.slope(arrays.D @ self.pack(x) + arrays.lift, arrays.desired)
+        return sparse.csr_array(arrays.pulled.T @ arrays.matrix(slope).tocsr() @ arrays.D)
 
     def solver(self, boundary: Sequence[Hashable]) -> "StationarySolver":
         """Return what extends values on boundary vertices, in their order, for many of them."""
@@ -452,9 +467,9 @@ class _Arrays:
         first: First row of each edge, and m at the end, shape (E + 1,).
         code: Index in MEASURES of the edge of each row, shape (m,).
         desired: h*, of a range in each of its rows, shape (m,).
-        weight: w of each row, shape (m,); 0 where K is in `K`.
-        K: Weights of edges that compare positions, shape (m, m).
-        pairs: Rows and columns of the blocks of range and bearing edges, shape (2, P).
+        weight: w of each row, shape (m,); 0 of edges that compare positions.
+        pairs: Rows and columns of the edges' blocks in a matrix (m, m), shape (2, P).
+        K: Weights of edges that compare positions in these blocks, shape (P,); 0 in those of others.
         directed: True if an edge is directed, so that neither H nor the matrix of Gauss-Newton is symmetric.
         conservative: True if c is the derivative of an energy at all ends: no edge is directed, none a bearing.
     """
@@ -466,20 +481,21 @@ class _Arrays:
     code: IntArray
     desired: Array
     weight: Array
-    K: sparse.csr_array
     pairs: IntArray
+    K: Array
     directed: bool
     conservative: bool
 
-    def norms(self, z: Array) -> Array:
-        """Return the norm of each edge's part of z (..., m), shape (..., E)."""
-        if not z.size:
-            return np.zeros((*z.shape[:-1], len(self.first) - 1))
-        return np.asarray(np.sqrt(np.add.reduceat(z * z, self.first[:-1], axis=-1)))
+    def totals(self, values: Array) -> Array:
+        """Return the sum over the rows of each edge in each of them, shape (..., m)."""
+        if not values.size:
+            return values
+        sums = np.add.reduceat(values, self.first[:-1], axis=-1)
+        return np.repeat(sums, np.diff(self.first), axis=-1)
 
     def lengths(self, z: Array) -> Array:
         """Return abs(z) of the edge of each row, shape (..., m)."""
-        return np.repeat(self.norms(z), np.diff(self.first), axis=-1)
+        return np.sqrt(self.totals(z * z))
 
     def directions(self, z: Array) -> tuple[Array, Array]:
         """Return g and 1 / abs(z) of each row; 0 where abs(z) is 0."""
@@ -487,88 +503,43 @@ class _Arrays:
         inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
         return z * inverse, inverse
 
-    def along(self, g: Array) -> Array:
-        """Return g . h* of the edge of each row."""
-        if not len(g):
-            return g
-        return np.asarray(np.repeat(np.add.reduceat(g * self.desired, self.first[:-1]), np.diff(self.first)))
+    def measured(self, z: Array) -> Array:
+        """Return h of the edge of each row, shape (..., m): a range in each of its rows, of positions g."""
+        return np.where(self.code == 1, self.lengths(z), self.directions(z)[0])
 
     def pull(self, z: Array) -> Array:
         """Return c, shape (m,)."""
-        g, _ = self.directions(z)
-        ranged = np.where(self.lengths(z) > 0.0, z - self.desired * g, 0.0)
-        borne = np.where(self.lengths(z) > 0.0, self.along(g) * g - self.desired, 0.0)
-        nonlinear = self.weight * np.where(self.code == 1, ranged, borne)
-        return np.asarray(self.K @ (z + self.desired) + nonlinear)
-
-    def metric(self, z: Array, K: sparse.csr_array | Array) -> sparse.csr_array | Array:
-        """Return M, shape (m, m), in the form of K."""
         g, inverse = self.directions(z)
-        r, s = self.pairs
-        outer = g[r] * g[s]
-        return self._with_blocks(K, np.where(self.code[r] == 1, outer, ((r == s) - outer) * inverse[r]))
+        borne = np.where(inverse > 0.0, self.totals(g * self.desired) * g - self.desired, 0.0)
+        nonlinear = self.weight * np.where(self.code == 1, z - self.desired * g, borne)
+        return self.product(self.K, z + self.desired) + nonlinear
 
-    def slope(self, z: Array, K: sparse.csr_array | Array) -> sparse.csr_array | Array:
-        """Return S = dc/dz, shape (m, m), in the form of K."""
+    def slope(self, z: Array, desired: Array) -> Array:
+        """Return the blocks of S = dc/dz, shape (P,), for desired values (m,); those of M for the values measured."""
         g, inverse = self.directions(z)
         r, s = self.pairs
         outer = g[r] * g[s]
         across = (r == s) - outer
-        along = self.along(g)
-        ranged = np.where(inverse[r] > 0.0, across + outer - self.desired[r] * inverse[r] * across, 0.0)
-        borne = inverse[r] * (along[r] * across + g[r] * (self.desired[s] - along[s] * g[s]))
-        return self._with_blocks(K, np.where(self.code[r] == 1, ranged, borne))
+        along = self.totals(g * desired)
+        ranged = np.where(inverse[r] > 0.0, across + outer - desired[r] * inverse[r] * across, 0.0)
+        borne = inverse[r] * (along[r] * across + g[r] * (desired[s] - along[s] * g[s]))
+        return np.asarray(self.K + self.weight[r] * np.where(self.code[r] == 1, ranged, borne))
 
-    def _with_blocks(self, K: sparse.csr_array | Array, blocks: Array) -> sparse.csr_array | Array:
-        """Add weighted blocks of the range and bearing edges to K, in its form."""
+    def matrix(self, blocks: Array) -> sparse.coo_array:
+        """Return the matrix of blocks (P,), shape (m, m)."""
+        return sparse.coo_array((blocks, tuple(self.pairs)), shape=(len(self.code),) * 2)
+
+    def product(self, blocks: Array, z: Array) -> Array:
+        """Return the product of that matrix with a vector (m,)."""
         r, s = self.pairs
-        weighted = self.weight[r] * blocks
-        if not isinstance(K, np.ndarray):
-            return sparse.csr_array(K + sparse.coo_array((weighted, (r, s)), shape=K.shape))
-        M = K.copy()
-        M[r, s] += weighted  # each pair is there once
-        return M
+        return np.asarray(np.bincount(r, blocks * z[s], len(z)), np.float64)
 
     def residual(self, z: Array) -> float:
         """Return the K-norm of h - h* over all edges."""
-        length = self.lengths(z)
-        g, _ = self.directions(z)
         e = z + self.desired
-        each = 1.0 / np.repeat(np.diff(self.first), np.diff(self.first))
-        ranged = (length - self.desired) ** 2 * each
-        borne = length * (g - self.desired) ** 2
-        return float(np.sqrt(e @ (self.K @ e) + self.weight @ np.where(self.code == 1, ranged, borne)))
-
-
-def _pack(stalks: Mapping[Any, int], edges: Sequence[NonlinearEdge]) -> _Arrays:
-    """Pack the edges of a sheaf with these stalks."""
-    none = np.zeros(0)
-    sizes = np.array([len(e.F_tail) for e in edges], dtype=np.int64)
-    first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    m = int(first[-1])
-    code = np.repeat([MEASURES.index(e.measures) for e in edges], sizes).astype(np.int64)
-    moved, pulled = Sheaf(stalks), Sheaf(stalks)
-    ends = [e.tail for e in edges], [e.head for e in edges]
-    tails = [-e.F_tail for e in edges]
-    moved.add_mixed_edges(*ends, tails, [-e.F_head for e in edges])
-    pulled.add_mixed_edges(*ends, tails, [0.0 * e.F_head if e.directed else -e.F_head for e in edges])
-    rows = [np.arange(begin, end) for begin, end in itertools.pairwise(first)]
-    linear = [(r[:, None], r[None], e.weight) for e, r in zip(edges, rows, strict=True) if e.measures == "position"]
-    curved = [r for e, r in zip(edges, rows, strict=True) if e.measures != "position"]
-    pairs = [np.stack([np.repeat(r, len(r)), np.tile(r, len(r))]) for r in curved]
-    return _Arrays(
-        D=moved.edges.delta,
-        pulled=pulled.edges.delta,
-        lift=np.concatenate([none, *(np.zeros(len(e.b)) if e.measures == "position" else e.b for e in edges)]),
-        first=first,
-        code=code,
-        desired=np.concatenate([none, *(np.broadcast_to(e.desired, len(e.F_tail)) for e in edges)]),
-        weight=np.where(code > 0, np.concatenate([none, *(np.diag(e.weight) for e in edges)]), 0.0),
-        K=assembled(linear, (m, m)).tocsr(),
-        pairs=np.concatenate([np.zeros((2, 0), dtype=np.int64), *pairs], axis=1),
-        directed=any(e.directed for e in edges),
-        conservative=not any(e.directed or e.measures == "bearing" for e in edges),
-    )
+        scale = np.where(self.code == 1, 1.0 / self.totals(np.ones(len(z))), self.lengths(z))
+        squares = scale * (self.measured(z) - self.desired) ** 2
+        return float(np.sqrt(e @ self.product(self.K, e) + self.weight @ squares))
 
 
 Factored: TypeAlias = Callable[[Array], Array]
@@ -591,11 +562,9 @@ def _factor_across(H: sparse.csr_array | Array, shift: float) -> Factored:
     """
     n = H.shape[0]
     shift = shift or 1.0
-    if isinstance(H, np.ndarray):
-        solve = _factor(np.block([[shift * np.eye(n), H], [H.T, -shift * np.eye(n)]]))
-    else:
-        damped = shift * sparse.eye_array(n)
-        solve = _factor(sparse.block_array([[damped, H], [H.T, -damped]]))
+    identity, block = (np.eye, np.block) if isinstance(H, np.ndarray) else (sparse.eye_array, sparse.block_array)
+    damped = shift * identity(n)
+    solve = _factor(block([[damped, H], [H.T, -damped]]))
     return lambda right: solve(np.concatenate([right, np.zeros(n)]))[n:]
 
 
@@ -628,10 +597,12 @@ class StationarySolver:
         self.arrays = arrays
         self.U = U
         self.W = W
-        small = len(W) <= _DENSE
-        parts = (arrays.D[:, W], arrays.pulled[:, W].T, arrays.K)
-        self._moved, self._pulled, self._K = (part.toarray() if small else sparse.csr_array(part) for part in parts)
+        self._moved = self._form(arrays.D[:, W])
+        self._pulled = self._form(arrays.pulled[:, W].T)
         self._held = arrays.D[:, U]
+        self._stiffest = _largest(arrays.weight) + _largest(arrays.K)
+        self._extent = 1.0  # of the team and of its desired values, at the present sample
+        self._base = arrays.lift  # z where x = 0, at the present sample
         self._solve: Factored | None = None
 
     def relative(self, x: Array, boundary: Array) -> Array:
@@ -648,37 +619,35 @@ class StationarySolver:
         linearised at the midpoints of the first long steps, so that a scale that is free stays that of the start.
         """
         arrays = self.arrays
-        base = self._held @ boundary + arrays.lift
-        z = self._moved @ x + base
-        gradient = self._pulled @ arrays.pull(z)
-        stiffest = _largest(arrays.weight) + _largest(arrays.K.data)
-        extent = _largest(z) + _largest(arrays.desired)
-        scales = (_DAMPING, stiffest, extent)
+        self._base = self._held @ boundary + arrays.lift
+        z, gradient = self._at(x)
+        self._extent = _largest(z) + _largest(arrays.desired)
+        extent, scale = self._extent, self._stiffest * self._extent
         damping = _DAMPING
         start = x
         self._solve = None if free else self._solve
-        for iteration in range(_MAX_STEPS):
+        for iteration in range(200):
             size = _largest(gradient)
-            if size <= _CONVERGED * stiffest * extent or damping > _MAX_DAMPING:
+            if size <= _CONVERGED * scale or damping > 1e6:
                 break
             stale = self._solve is not None
             if self._solve is None:
-                self._solve = self._factored(z, damping, stiffest)
+                self._solve = self._factored(z, damping)
             step = _limited(self._solve(-gradient), extent)
-            if free and iteration < _MIDPOINTS and (arrays.code == 2).any() and _largest(step) > _STRAIGHT * extent:
-                step = self._midpoint_step(x, step, base, (damping, stiffest, extent))
-            moved = self._moved @ (x + step) + base
-            after = self._pulled @ arrays.pull(moved)
-            worse = self._is_worse(z, moved, gradient, after, stiffest * extent)
-            slow = worse or _largest(after) > _STALE_ABOVE * size
+            # Near a point reflection more than 20 steps from midpoints would be needed.
+            if free and iteration < 20 and (arrays.code == 2).any() and _largest(step) > _STRAIGHT * extent:
+                step = self._midpoint_step(x, step, damping)
+            moved, after = self._at(x + step)
+            worse = self._is_worse(z, moved, gradient, after)
+            slow = worse or _largest(after) > 0.1 * size  # then H is factored again
             if slow or free:
                 self._solve = None
-            if slow and not stale and iteration % _TRIED == 0 and size > _SLOW * stiffest * extent:
-                exact = self._newton(x, base, scales)
-                if exact is not None and arrays.residual(self._moved @ exact + base) > _EXACT * stiffest**0.5 * extent:
-                    return self._settled(exact, base, scales)  # where edges fit, Gauss-Newton finds the nearest point
+            if slow and not stale and iteration % _TRIED == 0 and size > _SLOW * scale:
+                exact = self._newton(x)
+                if exact is not None and exact.residual > _EXACT * self._stiffest**0.5 * extent:
+                    return exact  # where edges fit, Gauss-Newton finds the nearest point
             if worse:
-                damping = damping if stale else max(10.0 * damping, _FIRST_DAMPING)
+                damping = damping if stale else max(10.0 * damping, 1e-4)
                 continue
             x = x + step
             z = moved
@@ -686,108 +655,108 @@ class StationarySolver:
             damping = max(0.1 * damping, _DAMPING)
             if _largest(step) <= _SMALLEST_STEP * extent:
                 break
-        found = self._settled(x, base, scales)
-        exact = None if found.converged else self._follow_law(start, base, scales)
-        return found if exact is None else self._settled(exact, base, scales)
+        found = self._settled(x)
+        return found if found.converged else self._follow_law(start) or found
 
-    def _settled(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Settled:
-        """Return x (n_W,) with its residual, and whether it is stationary; see `_newton` for the arguments."""
-        _, stiffest, extent = scales
-        z = self._moved @ x + base
-        gradient = self._pulled @ self.arrays.pull(z)
-        return Settled(x, _largest(gradient) <= _STATIONARY * stiffest * extent, self.arrays.residual(z))
+    def _form(self, matrix: sparse.sparray) -> sparse.csr_array | Array:
+        """Return a matrix in the form in which those of this problem are."""
+        return matrix.toarray() if len(self.W) <= _DENSE else sparse.csr_array(matrix)
 
-    def _follow_law(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
+    def _at(self, x: Array) -> tuple[Array, Array]:
+        """Return z of all edges, shape (m,), and the gradient, shape (n_W,), at x, shape (n_W,)."""
+        z = self._moved @ x + self._base
+        return z, self._pulled @ self.arrays.pull(z)
+
+    def _jacobian(self, z: Array, desired: Array) -> sparse.csr_array | Array:
+        """Return D^T S D, shape (n_W, n_W); see `_Arrays.slope`."""
+        arrays = self.arrays
+        return self._pulled @ self._form(arrays.matrix(arrays.slope(z, desired))) @ self._moved
+
+    def _settled(self, x: Array) -> Settled:
+        """Return x (n_W,) with its residual, and whether it is stationary."""
+        z, gradient = self._at(x)
+        return Settled(x, _largest(gradient) <= _STATIONARY * self._stiffest * self._extent, self.arrays.residual(z))
+
+    def _follow_law(self, x: Array) -> Settled | None:
         """Return the stationary point to which the law moves from x (n_W,), in implicit steps; None if it finds none.
 
         A step is that of the implicit Euler method, as long as the disagreement allows, x' = -D^T c.
         """
-        _, stiffest, extent = scales
-        z = self._moved @ x + base
-        gradient = self._pulled @ self.arrays.pull(z)
-        shift = stiffest
-        for k in range(_MAX_FOLLOWED):
-            exact = None if k % _TRIED else self._newton(x, base, scales)
+        z, gradient = self._at(x)
+        shift = self._stiffest
+        for k in range(120):
+            exact = None if k % _TRIED else self._newton(x)
             if exact is not None:
                 return exact
-            H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
             size = float(np.linalg.norm(gradient))
-            x = x + _limited(_factor(H, shift)(-gradient), _LONGEST * extent)
-            z = self._moved @ x + base
-            gradient = self._pulled @ self.arrays.pull(z)
+            step = _factor(self._jacobian(z, self.arrays.desired), shift)(-gradient)
+            x = x + _limited(step, _LONGEST * self._extent)
+            z, gradient = self._at(x)
             shift *= min(max(float(np.linalg.norm(gradient)) / size, 0.5), 2.0)
         return None
 
-    def _newton(self, x: Array, base: Array, scales: tuple[float, float, float]) -> Array | None:
+    def _newton(self, x: Array) -> Settled | None:
         """Return the stationary point to which Newton's method converges at once from x (n_W,); None if it does not.
 
         Its steps are orthogonal to the free motions of H, and each of them reduces the disagreement to a fraction. None
         too if the law moves away from that point: it lies uphill.
-
-        Args:
-            x: Start.
-            base: z of all edges where x is 0.
-            scales: Damping, stiffest weight and extent of the team.
         """
-        damping, stiffest, extent = scales
-        first = self._moved @ x + base
+        scale = self._stiffest * self._extent
+        first, uphill = self._at(x)
         z = first
+        gradient = uphill
         start = x
-        uphill = gradient = self._pulled @ self.arrays.pull(z)
-        for k in range(_MAX_NEWTON):
+        for k in range(8):
             size = _largest(gradient)
-            H = self._pulled @ self.arrays.slope(z, self._K) @ self._moved
-            step = _factor_across(H, damping * float(np.abs(H.diagonal()).max(initial=0.0)))(-gradient)
-            if not _largest(step) <= _LONGEST * extent:
+            H = self._jacobian(z, self.arrays.desired)
+            step = _factor_across(H, _DAMPING * _largest(H.diagonal()))(-gradient)
+            if not _largest(step) <= _LONGEST * self._extent:
                 return None
-            z = self._moved @ (x + step) + base
-            gradient = self._pulled @ self.arrays.pull(z)
-            falls = _largest(gradient) <= _NEWTON * size
-            if not falls and not (k and size <= _SLOW * stiffest * extent):
+            z, gradient = self._at(x + step)
+            falls = _largest(gradient) <= 0.25 * size
+            if not falls and not (k and size <= _SLOW * scale):
                 return None
             if falls:
                 x = x + step
-            if not falls or _largest(gradient) <= _CONVERGED * stiffest * extent:
+            if not falls or _largest(gradient) <= _CONVERGED * scale:
                 break
         else:
             return None
         if self.arrays.conservative:
-            away = self._is_worse(first, self._moved @ x + base, uphill, uphill, stiffest * extent)
+            away = self._is_worse(first, self._at(x)[0], uphill, uphill)
         else:
             away = float(uphill @ (x - start)) >= 0.0
-        return None if away else x
+        return None if away else self._settled(x)
 
-    def _midpoint_step(self, x: Array, step: Array, base: Array, scales: tuple[float, float, float]) -> Array:
-        """Return the step from x (n_W,) that Gauss-Newton takes if it linearises at the midpoint m of the step.
+    def _midpoint_step(self, x: Array, step: Array, damping: float) -> Array:
+        """Return the step from x (n_W,) that Gauss-Newton takes if it linearises at the midpoint m of a first step.
 
         It is orthogonal to what is free at m. Where scaling about c is free, (m - c) . step = 0, so |x - c| stays as
         it does in the law. NaN if the midpoints do not converge.
-
-        Args:
-            x, step: Start, and a first step from there.
-            base: z of all edges where x is 0.
-            scales: Damping, stiffest weight and extent of the team.
         """
-        damping, stiffest, extent = scales
-        for longest in extent * _CONTRACTION:
-            z = self._moved @ (x + 0.5 * step) + base
-            aim = self._pulled @ (0.5 * (self.arrays.metric(z, self._K) @ (self._moved @ step)) - self.arrays.pull(z))
+        arrays = self.arrays
+        # The largest changes of the step from one midpoint to the next: they halve.
+        for longest in self._extent * 0.5 ** np.arange(14):
+            z, gradient = self._at(x + 0.5 * step)
+            bent = arrays.product(arrays.slope(z, arrays.measured(z)), self._moved @ step)
             last = step
-            step = _limited(self._factored(z, damping, stiffest)(aim), extent)
+            step = _limited(self._factored(z, damping)(self._pulled @ (0.5 * bent) - gradient), self._extent)
             change = _largest(step - last)
-            if change <= 0.1 * _STRAIGHT * extent:
+            if change <= 0.1 * _STRAIGHT * self._extent:
                 return step
             if change > longest:
                 break
         return np.full_like(step, np.nan)
 
-    def _factored(self, z: Array, damping: float, stiffest: float) -> Factored:
-        H = self._pulled @ self.arrays.metric(z, self._K) @ self._moved
-        shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * stiffest)
+    def _factored(self, z: Array, damping: float) -> Factored:
+        """Factor the damped matrix of Gauss-Newton."""
+        H = self._jacobian(z, self.arrays.measured(z))
+        shift = damping * max(float(H.diagonal().max(initial=0.0)), _DAMPING * self._stiffest)
         return _factor_across(H, shift) if self.arrays.directed else _factor(H, shift)
 
-    def _is_worse(self, z: Array, moved: Array, before: Array, after: Array, scale: float) -> bool:
+    def _is_worse(self, z: Array, moved: Array, before: Array, after: Array) -> bool:
         """Return True if a step raises the energy or, where there is none, more than doubles the gradient."""
+        scale = self._stiffest * self._extent
         if not (np.isfinite(moved).all() and np.isfinite(after).all()):
             return True
         if self.arrays.conservative:

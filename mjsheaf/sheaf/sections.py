@@ -46,10 +46,6 @@ MOST_ENTRIES = 50_000_000
 
 ROUNDING = 64 * np.finfo(np.float64).eps
 
-_LANCZOS_VECTORS = 8
-_INVERTED_COLUMNS = 60  # from which a triangular inverse is tried before a decomposition
-_INVERSE_MARGIN = 0.5  # leaves room for the rounding of the inverse
-
 
 def sparser_rows(matrix: sparse.csr_array) -> sparse.csr_array:
     """Rotate rows that meet the same columns among themselves, so that each meets as few as possible.
@@ -86,14 +82,21 @@ def sparse_null_space(
 
     Singular values of at most rtol times the scale count as zero; that is the matrix's own largest unless given.
     """
-    scale = largest_singular_value(matrix) if scale is None else scale
-    blocks, found = [], 0
-    for _, columns, part in parts(sparser_rows(matrix)):
-        dense = len(columns) <= DENSE_COLUMNS
-        local = _dense_null_space(part.toarray(), scale, rtol) if dense else _lanczos_null_space(part, scale, rtol)
-        blocks.append((columns[:, None], found + np.arange(local.shape[1]), local))
-        found += local.shape[1]
-    return assembled(blocks, (matrix.shape[1], found)).tocsc()
+    return _joined(
+        _null_spaces(matrix, rtol, largest_singular_value(matrix) if scale is None else scale), matrix.shape[1]
+    )
+
+
+def _null_spaces(matrix: sparse.csr_array, rtol: float, scale: float) -> list[tuple[IntArray, Array]]:
+    """Return the columns of each part of a matrix and an orthonormal basis on them (columns, dimension)."""
+    return [(columns, _null_space(part, scale, rtol)) for _, columns, part in parts(sparser_rows(matrix))]
+
+
+def _joined(bases: list[tuple[IntArray, Array]], rows: int) -> sparse.csc_array:
+    """Return the basis (rows, dimension) that consists of bases on some of the rows each."""
+    first = np.cumsum([0, *(Q.shape[1] for _, Q in bases)])
+    blocks = [(place[:, None], k + np.arange(Q.shape[1]), Q) for k, (place, Q) in zip(first, bases, strict=False)]
+    return assembled(blocks, (rows, int(first[-1]))).tocsc()
 
 
 def cokernel_basis(matrix: sparse.csr_array, dimension: int, rtol: float = RANK_TOLERANCE) -> sparse.csc_array:
@@ -157,27 +160,22 @@ def smallest_eigenvectors(factor: splinalg.SuperLU, known: Array, count: int, to
         return splinalg.eigsh(operator, k=count, ncv=min(n, 6 * count), which="LM", v0=start, tol=tolerance)[1]
 
 
-def _dense_null_space(matrix: Array, scale: float, rtol: float) -> Array:
-    if matrix.shape[0] == 0:
-        return np.eye(matrix.shape[1])
-    matrix = _with_few_rows(matrix)
-    if _surely_injective(matrix, rtol * scale):
-        return np.zeros((matrix.shape[1], 0))
+def _null_space(part: sparse.csr_array, scale: float, rtol: float) -> Array:
+    n = part.shape[1]
+    if n > DENSE_COLUMNS:
+        return _lanczos_null_space(part, scale, rtol)
+    if part.shape[0] == 0:
+        return np.eye(n)
+    matrix = _with_few_rows(part.toarray())
+    if len(matrix) >= n >= 60:
+        # A triangular inverse proves full rank, as the smallest singular value is at least 1 / |R^-1|_F. It costs a
+        # fraction of a decomposition, which then only matrices of deficient or nearly deficient rank need.
+        inverse, failed = linalg.lapack.dtrtri(np.asfortranarray(matrix))
+        norm = float(np.linalg.norm(inverse))
+        if not failed and np.isfinite(norm) and norm * (rtol * scale) < 0.5:  # which leaves room for its rounding
+            return np.zeros((n, 0))
     _, singular, rows = np.linalg.svd(matrix, full_matrices=True)
     return rows[np.count_nonzero(singular > rtol * scale) :].T
-
-
-def _surely_injective(upper: Array, tolerance: float) -> bool:
-    """Return True if a triangular inverse proves full rank: the smallest singular value is at least 1 / |R^-1|_F.
-
-    This costs a fraction of a singular value decomposition, which then only matrices of deficient or nearly deficient
-    rank need.
-    """
-    if upper.shape[0] < upper.shape[1] or upper.shape[1] < _INVERTED_COLUMNS:
-        return False
-    inverse, singular = linalg.lapack.dtrtri(np.asfortranarray(upper))
-    norm = float(np.linalg.norm(inverse))
-    return singular == 0 and np.isfinite(norm) and norm * tolerance < _INVERSE_MARGIN
 
 
 def _with_few_rows(matrix: Array) -> Array:
@@ -188,7 +186,7 @@ def _with_few_rows(matrix: Array) -> Array:
 def _lanczos_null_space(matrix: sparse.csr_array, scale: float, rtol: float) -> Array:
     n = matrix.shape[1]
     factor = shifted_factor(matrix.T @ matrix, 1e-10 * scale**2)
-    found, count = np.zeros((n, 0)), _LANCZOS_VECTORS
+    found, count = np.zeros((n, 0)), 8
     while True:
         vectors = smallest_eigenvectors(factor, found, count)
         # Lanczos on the square sees singular values only down to 1e-8 of the largest; the candidates' own
@@ -205,9 +203,6 @@ def _lanczos_null_space(matrix: sparse.csr_array, scale: float, rtol: float) -> 
             raise SheafError(f"the null space of this {matrix.shape} map has dimension over {n // 2}: too large")
 
 
-_LEAST_CONDITION = 1e-3  # of maps that may carry a value on along a forest
-_MOST_OPEN = 64  # free directions of one component; with more of them the small problem is not small
-_MOST_FOREST_ENTRIES = 30_000_000  # of P
 _BOUND_MARGIN = 2.0  # for the rounding of the bounds
 _SECTION_ACCURACY = 1e-7  # relative: sections are then good to rounding over this
 
@@ -272,7 +267,8 @@ def _find_ways(edges: EdgeSet, free: BoolArray) -> list[Ways]:
         for u, F_u, w, F_w in ((e.tail, e.F_tail, e.head, e.F_head), (e.head, e.F_head, e.tail, e.F_tail)):
             gram = np.einsum("kma,kmb->kab", F_w, F_w)
             smallest, largest = _eigenvalue_bounds(gram)
-            good = free[w] & (smallest >= np.maximum(_LEAST_CONDITION**2 * largest, np.finfo(float).tiny))
+            # Maps of a worse condition than 1000 may not carry a value on.
+            good = free[w] & (smallest >= np.maximum(1e-6 * largest, np.finfo(float).tiny))
             edge = np.flatnonzero(good)
             ways.append(Ways(u[edge], w[edge], edge, smallest[edge] ** -0.5, F_u, F_w, gram))
     return ways
@@ -390,26 +386,20 @@ def section_basis(edges: EdgeSet, free: BoolArray, rtol: float) -> sparse.csc_ar
     Arguments are those of `certified_sections`.
     """
     found, left = certified_sections(edges, free, rtol)
-    dimension = np.diff(edges.column)
-    rows = int(dimension[free].sum())
-    if not found and not left.any():
-        return sparse.csc_array((rows, 0))
-    of_column = np.repeat(np.arange(len(free)), dimension)
+    of_column = np.repeat(np.arange(len(free)), np.diff(edges.column))
     kept = free[of_column]
     number = np.cumsum(kept) - 1
-    blocks, count = [], 0
-    for place, Q in found:
-        entries = np.where(np.abs(Q) > ROUNDING * np.abs(Q).max(axis=0, initial=0.0), Q, 0.0)
-        blocks.append((number[place][:, None], count + np.arange(Q.shape[1]), entries))
-        count += Q.shape[1]
-    basis = assembled(blocks, (rows, count)).tocsc()
-    basis.eliminate_zeros()
+    bases = [
+        (number[place], np.where(np.abs(Q) > ROUNDING * np.abs(Q).max(axis=0, initial=0.0), Q, 0.0))
+        for place, Q in found
+    ]
     if left.any():
-        delta = edges.delta
         at = np.flatnonzero(left[of_column])
-        rest = sparse_null_space(delta[:, at], rtol, largest_singular_value(delta[:, kept]))
-        rest = sparse.csc_array((rest.data, number[at][rest.indices], rest.indptr), shape=(rows, rest.shape[1]))
-        basis = sparse.hstack([basis, rest], format="csc")
+        rest = edges.delta[:, at]
+        scale = largest_singular_value(edges.delta[:, kept])
+        bases += [(number[at[columns]], Q) for columns, Q in _null_spaces(rest, rtol, scale)]
+    basis = _joined(bases, int(kept.sum()))
+    basis.eliminate_zeros()
     return basis
 
 
@@ -431,9 +421,10 @@ def certified_sections(edges: EdgeSet, free: BoolArray, rtol: float) -> tuple[li
     root = free & (forest.parent == -1)
     open_ = np.bincount(forest.component[root], np.diff(edges.column)[root], len(free)).astype(np.int64)  # dim r
     inaccurate = G * _SECTION_ACCURACY * forest.norm_high > 1.0
-    undecided = ~(G * enough <= 1.0) | ((open_ > 0) & (inaccurate | (open_ > _MOST_OPEN)))
+    # With more free directions in one component the small problem is not small.
+    undecided = ~(G * enough <= 1.0) | ((open_ > 0) & (inaccurate | (open_ > 64)))
     wanted = np.flatnonzero((open_ > 0) & ~undecided)
-    if open_[wanted].max(initial=0) * edges.column[-1] > _MOST_FOREST_ENTRIES:
+    if open_[wanted].max(initial=0) * edges.column[-1] > 30_000_000:  # numbers in P
         undecided[wanted], wanted = True, wanted[:0]
     found: list[tuple[IntArray, Array]] = []
     if not wanted.size:

@@ -20,7 +20,7 @@ two triangular solutions little is left to do.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -68,10 +68,6 @@ LARGEST_RESIDUAL = 1e-8
 RELAXATION = 1.75
 MOST_ITERATIONS = 20_000
 _DENSE = 600  # rows up to which eigenvalues are found of a dense matrix
-_MOST_RESTARTS = 6  # of conjugate gradients, each on the true residual of the one before
-_NO_QR_BELOW = 1e-6  # error of a solution by H up to which QR would gain nothing after refinement
-_UNUSABLE_ABOVE = 1e-2
-_NO_REFINEMENT_BELOW, _ONE_REFINEMENT_BELOW = 1e-12, 1e-9
 
 
 @dataclass(frozen=True)
@@ -190,19 +186,45 @@ class DirichletProblem:
         return self.sparse_null_basis.shape[1] == 0
 
     @cached_property
+    @one_thread
     def solver(self) -> "Solver":
-        """The solver of H x = r: a factorisation that is kept, or conjugate gradients; see the module."""
-        return _choose_solver(self._D, gram(self._D, self._D), self.sparse_null_basis, self._regularisation)
+        """The solver of H x = r: a factorisation that is kept, or conjugate gradients; see the module.
 
-    def _regularisation(self) -> Array:
-        """Diagonal matrix that makes H regular when added to it, shape (n_W,).
-
-        It fixes at zero the coordinates that identify each null direction, which costs no energy.
+        Raises:
+            SheafError: over DENSE_COLUMNS states, and H is singular to rounding where its null space says that it is
+                not.
         """
-        diagonal = np.zeros(len(self._columns_W))
+        D, H = self._D, gram(self._D, self._D)
+        n = H.shape[0]
+        order = csgraph.reverse_cuthill_mckee(H, symmetric_mode=True)
+        place = np.empty_like(order)
+        place[order] = np.arange(n)
+        column = np.repeat(place, np.diff(H.indptr))
+        off = place[H.indices] - column
+        width = int(off.max(initial=0))
+        if n > DENSE_COLUMNS and n * float(width) ** 2 > DIRECT_WORK:
+            return ConjugateGradients(D, H)
+        below = off >= 0
+        band = np.zeros((width + 1, n))
+        band[off[below], column[below]] = H.data[below]
+        # Coordinates that identify each null direction are fixed at zero, which costs no energy: as many as there are
+        # null directions, on which these are independent.
+        regularisation = np.zeros(n)
         if not self.unique:
-            diagonal[_pivot_rows(self.sparse_null_basis)] = np.abs(self._D.data).max(initial=0.0) ** 2 or 1.0
-        return diagonal
+            for rows, columns, block in parts(self.sparse_null_basis):
+                first = linalg.qr(block.toarray().T, mode="r", pivoting=True)[1][: len(columns)]
+                regularisation[rows[first]] = np.abs(D.data).max(initial=0.0) ** 2 or 1.0
+        factor = BandCholesky(D, band, order, regularisation)
+        if factor.error <= 1e-6:  # after refinement QR would gain nothing
+            return factor
+        if n <= DENSE_COLUMNS:
+            return DenseQR(D, self.null_basis)
+        if factor.error <= 1e-2:  # refinement still converges
+            return factor
+        raise SheafError(
+            f"the harmonic extension to {n} states is too badly conditioned to be solved: relative error "
+            f"{factor.error:.1e}"
+        )
 
     @one_thread
     def extend(self, boundary: ArrayLike) -> Array:
@@ -271,15 +293,6 @@ def energy_of(edges: EdgeSet, x: Array) -> float:
     return 0.5 * float(np.einsum("i,i->", residual, residual))  # a BLAS product depends on the number of threads
 
 
-def _pivot_rows(null_basis: sparse.csc_array) -> IntArray:
-    """As many rows as there are columns, on which they are independent; columns that share rows are treated apart."""
-    pivots = [
-        rows[linalg.qr(block.toarray().T, mode="r", pivoting=True)[1][: len(columns)]]
-        for rows, columns, block in parts(null_basis)
-    ]
-    return np.concatenate([np.zeros(0, dtype=np.int64), *pivots])
-
-
 # -- solvers ---------------------------------------------------------------------------------------------------
 
 
@@ -312,7 +325,7 @@ class BandCholesky:
         x: Array = (np.arange(len(order), dtype=np.float64) % 7 - 3.0)[:, None]  # not special in any way
         r = D.T @ (D @ x) + self._regularisation * x
         self.error = _norm((self._once(r) - x)[:, 0]) / (_norm(x[:, 0]) or 1.0)
-        self.refinements = 0 if self.error < _NO_REFINEMENT_BELOW else 1 if self.error < _ONE_REFINEMENT_BELOW else 5
+        self.refinements = 0 if self.error < 1e-12 else 1 if self.error < 1e-9 else 5
 
     def _once(self, r: Array) -> Array:
         x = np.empty(r.shape)
@@ -361,8 +374,6 @@ class ConjugateGradients:
         values *= self._scale[row]
         values *= self._scale[indices]
         self._upper = np.searchsorted(row, np.arange(H.shape[0] + 1)), indices, values
-        self.iterations = 0
-        self.residual = 0.0
 
     def solve(self, r: Array, w: Array | None = None) -> Array:
         """As `BandCholesky.solve`, column by column; restarts on the true residual, which recurrences drift away from.
@@ -377,7 +388,7 @@ class ConjugateGradients:
             size = _norm(r[:, k])
             self.iterations = 0
             self.residual = 1.0 if size else 0.0
-            for _ in range(_MOST_RESTARTS):
+            for _ in range(6):
                 if self.residual <= RESIDUAL:
                     break
                 step, iterations = conjugate_gradients(
@@ -407,45 +418,6 @@ Solver = BandCholesky | DenseQR | ConjugateGradients
 def _left_over(D: sparse.csr_array, x: Array, r: Array, w: Array | None) -> Array:
     """Return r - H x; by D^T (w - D x), which is more exact, where r = D^T w."""
     return np.asarray(r - D.T @ (D @ x) if w is None else D.T @ (w - D @ x))
-
-
-@one_thread
-def _choose_solver(
-    D: sparse.csr_array, H: sparse.csr_array, null: sparse.csc_array, regularisation: Callable[[], Array]
-) -> Solver:
-    """Return the best solver of a problem.
-
-    Args:
-        D: delta on the free vertices.
-        H: D^T D.
-        null: Orthonormal basis of the null space of D, shape (n_W, dimension); right-hand sides have no part in it.
-        regularisation: What to add to the diagonal of H to make it regular without a change to x off the null space.
-
-    Raises:
-        SheafError: over DENSE_COLUMNS states, and H is singular to rounding where `null` says that it is not.
-    """
-    n = H.shape[0]
-    order = csgraph.reverse_cuthill_mckee(H, symmetric_mode=True)
-    place = np.empty_like(order)
-    place[order] = np.arange(n)
-    column = np.repeat(place, np.diff(H.indptr))
-    off = place[H.indices] - column
-    width = int(off.max(initial=0))
-    if n > DENSE_COLUMNS and n * float(width) ** 2 > DIRECT_WORK:
-        return ConjugateGradients(D, H)
-    below = off >= 0
-    band = np.zeros((width + 1, n))
-    band[off[below], column[below]] = H.data[below]
-    factor = BandCholesky(D, band, order, regularisation())
-    if factor.error <= _NO_QR_BELOW:
-        return factor
-    if n <= DENSE_COLUMNS:
-        return DenseQR(D, null.toarray())
-    if factor.error <= _UNUSABLE_ABOVE:
-        return factor
-    raise SheafError(
-        f"the harmonic extension to {n} states is too badly conditioned to be solved: relative error {factor.error:.1e}"
-    )
 
 
 def _norm(x: Array) -> float:
@@ -608,7 +580,8 @@ class Sheaf(Cochains):
         for edges in alike.values():
             own = {name: [x[e] for e in edges] for name, x in given.items()}
             number = self._edges + np.array(edges)
-            bundles.append(checked_bundle(ends.selected(edges), self._dimension, number, **own))
+            some = Ends([tails[e] for e in edges], [heads[e] for e in edges], ends.tail[edges], ends.head[edges])
+            bundles.append(checked_bundle(some, self._dimension, number, **own))
         return self._append(bundles)
 
     def _append(self, bundles: list[EdgeBundle]) -> range:

@@ -5,6 +5,7 @@ Ideal kinematics have neither height in the plane nor attitude: vehicles lie on 
 face where they go.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -33,9 +34,7 @@ DrawnEdge = tuple[int, int, EdgeKind]
 
 HEADING_OFFSETS = np.linspace(-0.25, 0.25, 9)  # s, offsets for estimating the heading of a body without attitude
 OUTLIER_FACTOR = 100.0  # multiple of the size of a region beyond which a vehicle has blown up
-_SNAPSHOTS = 24  # of a flow that changes with time, in each phase
 _SIDE = 40  # places along each side of the region in which speeds are looked at
-_SHORTEST = 1.5  # k times the spacing of a grid, in rad, from which on a wave fades
 
 
 # -- samples -----------------------------------------------------------------------------------------------------------
@@ -85,6 +84,11 @@ class Poses:
             between(self.harmonic_extension[before], self.harmonic_extension[after]),
             between(self.error[before], self.error[after]),
         )
+
+
+def number_begun(starts: Sequence[float], time: float) -> int:
+    """Return the number of the last that has begun at a time in s, or of the first; starts ascend."""
+    return max(bisect_right(starts, time + 1e-9) - 1, 0)
 
 
 def joined(chunk: xr.Dataset, quantity: str) -> Array:
@@ -139,8 +143,8 @@ class RecordedRun:
         pieces = pieces_of(self._dataset, names)
         return ((piece["time"].values, positions_in(piece, self._surface)) for piece in pieces)
 
-    def _interpolate(self, times: Array, *, horizontal: bool = False) -> Poses:
-        """Interpolate as `at`, without headings; `horizontal` leaves out all but positions x and y."""
+    def _interpolate(self, times: Array) -> Poses:
+        """Interpolate as `at`, without headings."""
         # Only the two samples around each time are stored.
         after = np.searchsorted(self.time, times, side="right").clip(0, len(self.time) - 1)
         rows = np.unique([after, np.maximum(after - 1, 0)])
@@ -148,11 +152,7 @@ class RecordedRun:
             [values[rows[rows // self._length == piece] - piece * self._length] for values in self._piece(piece)]
             for piece in np.unique(rows // self._length).tolist()
         ]
-        whole = Poses(*(np.concatenate(values) for values in zip(*pieces, strict=True)))
-        if horizontal:
-            none = {"quaternions": whole.quaternions[:, :0], "harmonic_extension": whole.harmonic_extension[:, :0]}
-            whole = replace(whole, positions=whole.positions[..., :2], **none)
-        return whole.at(times)
+        return Poses(*(np.concatenate(values) for values in zip(*pieces, strict=True))).at(times)
 
     def _read(self, number: int) -> list[Array]:
         """Return the fields of `Poses` over one piece of the data; attitudes that there are none of are upright."""
@@ -165,7 +165,7 @@ class RecordedRun:
 
     def _headings(self, times: Array) -> Array:
         """Return level attitudes along the horizontal velocity, smoothed over half a second, shape (K, V, 4)."""
-        around = self._interpolate((times[:, None] + HEADING_OFFSETS).ravel(), horizontal=True).positions
+        around = self._interpolate((times[:, None] + HEADING_OFFSETS).ravel()).positions[..., :2]
         steps = np.diff(around.reshape(len(times), len(HEADING_OFFSETS), -1, 2), axis=1)
         # Each instant has an equal say, however fast it is: the first seconds are fast.
         directions = steps / np.maximum(np.linalg.norm(steps, axis=-1, keepdims=True), 1e-9)
@@ -288,8 +288,7 @@ class Medium:
             places: Points, shape (K, 3), m.
             time: Time, s.
         """
-        begun = [velocity for start, velocity in self.shots if start <= time + 1e-9]
-        velocity = begun[-1] if begun else self.shots[0][1]
+        _, velocity = self.shots[number_begun([start for start, _ in self.shots], time)]
         with np.errstate(all="ignore"):
             return velocity(places) * [1.0, 1.0, not self.level]
 
@@ -356,7 +355,7 @@ def _snapshots(phases: Sequence[Phase], name: str, vehicle: int) -> list[tuple[f
     for phase in phases:
         before, flow, grid = flow, phase.system.flow_named(name), phase.system.grid
         if any(part.met[vehicle] for part in phase.system.moving if not isinstance(part, WITHOUT_MEAN)):
-            times = phase.time + grid.period * grid.steps * np.arange(_SNAPSHOTS) / _SNAPSHOTS
+            times = phase.time + grid.period * grid.steps * np.arange(24) / 24
             found += [(time, partial(mean_flow, phase.system.medium, vehicle, time)) for time in times.tolist()]
         elif flow != before:
             found.append((phase.time, flow.velocity))
@@ -400,7 +399,7 @@ class Sea:
 def _faded(number: Array, places: Array) -> Array:
     """Return how much of each wave a grid can show: 1 down to 0, shape (P, N); wave numbers (N,), places (P,)."""
     spacing = np.gradient(places)
-    return np.asarray(np.exp(-((np.outer(spacing, number) / _SHORTEST) ** 4)))
+    return np.asarray(np.exp(-((np.outer(spacing, number) / 1.5) ** 4)))  # it fades from 1.5 rad on
 
 
 def seas_of(phases: Sequence[Phase]) -> list[Sea]:
@@ -497,14 +496,9 @@ class Played:
         """Number of vehicles, V: agents and targets."""
         return len(self.ids)
 
-    @property
-    def drawn_radius(self) -> float:
-        """Radius of the largest vehicle as it is drawn, at least 0.1, m."""
-        return float((self.radii * self.scales).max(initial=0.1))
-
     def stage(self, time: float) -> int:
         """Return the index of the stage at a time in s."""
-        return max(sum(stage.start <= time + 1e-9 for stage in self.stages) - 1, 0)
+        return number_begun([stage.start for stage in self.stages], time)
 
     def absent(self, time: float) -> frozenset[int]:
         """Numbers of the agents that are absent at a time in s."""

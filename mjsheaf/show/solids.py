@@ -24,7 +24,6 @@ _SHAPES = {
     mujoco.mjtGeom.mjGEOM_BOX: "box",
 }
 _OBSTACLES = {SPHERE: "sphere", CAPSULE: "capsule", BOX: "box", HALF_SPACE: "box"}
-_CORNERS = 72  # of an outline
 _FAR = 1e4  # size at which a half-space is drawn in an outline, m
 
 
@@ -213,7 +212,7 @@ def outline(obstacles: ObstacleArrays, n: int, centre: Array, projection: Array)
     Returns:
         Corners, shape (P, 2), m.
     """
-    angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False) + np.pi / _CORNERS
+    angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False) + np.pi / 72
     ways = np.column_stack([np.cos(angle), np.sin(angle)]) @ projection  # in space, shape (P, 3)
     if obstacles.kind[n] == HALF_SPACE:
         normal = projection @ obstacles.axes[n, 0]

@@ -20,7 +20,7 @@ from mjsheaf.checking.theorem.of_run import BROKEN
 from mjsheaf.errors import shortened
 from mjsheaf.files import SUFFIXES
 from mjsheaf.results.metrics import MEASURES
-from mjsheaf.show.panels import (
+from mjsheaf.show.plots import (
     HEADING,
     NORMAL,
     SMALL,

@@ -24,7 +24,8 @@ from mjsheaf.sheaf.nonlinear import (
     Settled,
     StationaryProblem,
     StationarySolver,
-    linear_maps,
+    linear_edge,
+    linear_sheaf,
 )
 from mjsheaf.team.edges import GROUND, Anchor, Edge, Explicit, Formation, LinearEdge, Member, Slope, require_ends
 
@@ -144,9 +145,9 @@ class Team:
         self.anchors = self._edges("anchors", anchors, ("agent", "ground"), self.displacement)
         ground = (_GROUND,) if self.anchors else ()
         with in_field("team"):
-            self.sheaf = _sheaf_of(
-                self.members + ground, self.communication + self.sensing + self.target_edges + self.anchors
-            )
+            stalks = {member.id: member.dimension for member in self.members + ground}
+            edges = self.communication + self.sensing + self.target_edges + self.anchors
+            self.sheaf = linear_sheaf(stalks, edges)
 
     def changed(self, absent: Collection[str], is_active: Callable[[Edge], bool]) -> "Team":
         """Return the same agents and targets, some of them absent, with the edges for which `is_active` is true."""
@@ -407,7 +408,7 @@ class Team:
         linear = dict[int, Edge]()
         for e, z, misfit in zip(self.measuring_edges, sheaf.relative(stacked), misfits, strict=False):
             slope = None if misfit is None else Slope(e.F_tail, e.F_head, misfit, z)
-            linear[id(e)] = replace(e, **linear_maps(e, z)._asdict(), measures="position", lift=None, slope=slope)
+            linear[id(e)] = replace(linear_edge(e, z), slope=slope)
         team = self.with_edges(linear)
         team.linearised_at = stacked
         if self.linear:
@@ -468,7 +469,7 @@ class Team:
     @cached_property
     def target_sheaf(self) -> Sheaf:
         """The sheaf of the targets alone, whose Laplacian drives their own formation."""
-        return _sheaf_of(self.targets, self.target_edges)
+        return linear_sheaf({target.id: target.dimension for target in self.targets}, self.target_edges)
 
     def formation_edges(self, formation: Formation) -> list[Edge]:
         """The communication edges with both ends in a formation."""
@@ -519,20 +520,6 @@ class Team:
         except InputError as error:
             raise error.within(f"{field}.{len(made)}") from None
         return tuple(made)
-
-
-def _sheaf_of(members: Sequence[Member], edges: Sequence[Edge]) -> Sheaf:
-    """The sheaf of some members, its edges in the order given."""
-    sheaf = Sheaf({m.id: m.dimension for m in members})
-    sheaf.add_mixed_edges(
-        [e.tail for e in edges],
-        [e.head for e in edges],
-        [e.F_tail for e in edges],
-        [e.F_head for e in edges],
-        offset=[e.b for e in edges],
-        weight=[e.weight for e in edges],
-    )
-    return sheaf
 
 
 def _with_offset(edge: Edge, displacement: Mapping[str, Array]) -> Edge:

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, closing
 from copy import copy
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as iio
 import mujoco
@@ -16,6 +17,7 @@ from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
 from mjsheaf.files import whole_file
+from mjsheaf.show.played import number_begun
 from mjsheaf.show.style import MATPLOTLIB
 from mjsheaf.video.camera import SMOOTHING, View, camera_path
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
@@ -27,13 +29,10 @@ from mjsheaf.video.scene import (
     enlarge_vehicles,
     mesh,
     owners_of_geoms,
-    sea_at,
     set_detail,
 )
 
 GAP = 4  # pixels between pictures side by side; must be even
-QUALITY = 6  # of imageio's 10, here x264's constant rate factor 20: 18 looks lossless, 23 is the default
-MAX_PENDING = 3  # frames that are drawn and not yet encoded
 
 
 def draw_video(
@@ -65,7 +64,7 @@ def draw_video(
             painters.append(held.enter_context(Painter(film, model, options, beside)))
         total = len(painters[0].times)
 
-        def frames() -> Iterator[Callable[[], Image.Image]]:
+        def frames() -> Iterator[Callable[[], np.ndarray]]:
             """Draw the scenes of all frames in turn; each is completed by a call in another thread."""
             for number in range(total):
                 yield partial(_side_by_side, [painter.draw(number) for painter in painters])
@@ -75,20 +74,14 @@ def draw_video(
         return write_mp4(Path(path), frames(), options.fps)
 
 
-def _side_by_side(halves: Sequence[Callable[[], Image.Image]]) -> Image.Image:
-    """Complete frames of one size and lay them side by side on white."""
-    images = [half() for half in halves]
-    if len(images) == 1:
-        return images[0]
-    step = images[0].width + GAP
-    both = Image.new("RGB", (len(images) * step - GAP, images[0].height), "white")
-    for k, image in enumerate(images):
-        both.paste(image, (k * step, 0))
-    return both
+def _side_by_side(halves: Sequence[Callable[[], Image.Image]]) -> np.ndarray:
+    """Complete frames of one height and lay them side by side, with white between them."""
+    padded = [np.pad(np.asarray(half()), ((0, 0), (0, GAP), (0, 0)), constant_values=255) for half in halves]
+    return np.hstack(padded)[:, :-GAP]
 
 
 class Painter(AbstractContextManager["Painter"]):
-    """Draws a video frame by frame. It is a context manager; `close` frees the GL resources.
+    """Draws a video frame by frame. It is a context manager, which frees the GL resources.
 
     Attributes:
         times: Times of the frames, shape (F,), s.
@@ -115,7 +108,7 @@ class Painter(AbstractContextManager["Painter"]):
         enlarge_vehicles(self.model, film.body_id, film.scales)
         if film.seas:
             self.model.geom(film.surface).group = 5  # MuJoCo does not draw this group; waves are drawn in its place
-        radius = film.drawn_radius
+        radius = float((film.radii * film.scales).max(initial=0.1))  # of the largest vehicle as it is drawn, m
         films = [self._frames, *(Frames(other, options) for other in beside)]
         self.camera = camera_path(
             (
@@ -138,22 +131,17 @@ class Painter(AbstractContextManager["Painter"]):
         self._decorator = Decorator(film, options, owners_of_geoms(self.model, film.body_id))
         survey, middle = self._frames.extent.survey, self.camera[len(self.times) // 2]
         self._decorator.lay_out_arrows(middle)
-        arrows = {medium.name: (medium.top, medium.scale) for medium in film.media}
         with MATPLOTLIB:  # another thread may be drawing the plots of the run
-            self._overlay = Overlay(film, options, survey, arrows)
+            self._overlay = Overlay(film, options, survey)
         self._renderer = Renderer(self.model, *options.drawn, backend, self._decorator.most_geoms)
 
     def draw(self, number: int) -> Callable[[], Image.Image]:
         """Draw one frame's scene, and return what completes the frame, which may be called in another thread."""
         now, view = self.pose(number)
-        sea = sea_at(self._film.seas, now.time)
-        surface = None if sea is None else mesh(sea, view, now.time)
+        seas = self._film.seas
+        surface = mesh(seas[number_begun([sea.start for sea in seas], now.time)], view, now.time) if seas else None
         scene = self._renderer.draw(self.data, view, lambda scene: self._decorator.add(scene, now, view), surface)
         return partial(self._write, scene, now, view)
-
-    def paint(self, number: int) -> np.ndarray:
-        """Draw one frame, shape (height, width, 3)."""
-        return np.array(self.draw(number)())
 
     def _write(self, image: Image.Image, now: Moment, view: View) -> Image.Image:
         if image.size != self._size:
@@ -174,20 +162,16 @@ class Painter(AbstractContextManager["Painter"]):
         mujoco.mj_camlight(self.model, self.data)
         return now, self.camera[number]
 
-    def close(self) -> None:
-        """Free the GL resources. Closing twice does nothing."""
+    def __exit__(self, *_: object) -> None:
         self._renderer.close()
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
-
-def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:
+def write_mp4(path: Path, frames: Iterable[Callable[[], Any]], fps: float) -> int:
     """Encode frames as they come. The file appears under its name only when it is complete.
 
     Args:
         path: the file to write; one that exists is replaced.
-        frames: each is called in another thread and returns a picture, RGB. All are of one even width and height;
+        frames: each is called in another thread and returns a picture, RGB. All have one even width and height;
             there is at least one.
         fps: frames in a second.
 
@@ -216,7 +200,7 @@ def write_mp4(path: Path, frames: Iterable[Callable[[], Image.Image]], fps: floa
     return count
 
 
-def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float) -> int:
+def _encode(part: Path, frames: Iterable[Callable[[], Any]], fps: float) -> int:
     """Complete the frames and feed them to ffmpeg while the next ones are drawn; returns how many there were."""
     # Rendering is the expensive part, and x264 competes with it for the cores: these options take a third less work
     # than those of the preset at the same file size.
@@ -228,7 +212,7 @@ def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float)
     writer = plugin.legacy_get_writer(
         fps=fps,
         codec="libx264",
-        quality=QUALITY,
+        quality=6,  # of imageio's 10, here x264's constant rate factor 20: 18 looks lossless, 23 is the default
         macro_block_size=2,  # keep the given size: it is even, as yuv420p needs
         output_params=["-preset", "veryfast", "-x264-params", x264, "-movflags", "+faststart", "-f", "mp4"],
     )
@@ -250,7 +234,7 @@ def _encode(part: Path, frames: Iterable[Callable[[], Image.Image]], fps: float)
         for frame in frames:
             sent.append(encoder.submit(lambda finish: writer.append_data(np.asarray(finish())), frame))
             count += 1
-            wait(MAX_PENDING)
+            wait(3)
         wait(0)
     return count
 

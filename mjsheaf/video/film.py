@@ -73,11 +73,6 @@ class VideoOptions(Video):
         """Size of one pixel of a 1000x720 frame in this frame. Text and line sizes are given for 1000x720."""
         return min(self.width / 1000, self.height / 720)
 
-    @property
-    def drawn_unit(self) -> float:
-        """`unit` for the resolution at which the scene is drawn."""
-        return self.unit * self.drawn[1] / self.height
-
 
 def video_options(scenario: Scenario, **changes: float | int | str | None) -> VideoOptions:
     """The scenario's video section as options; changes that are None leave it as it is.

@@ -20,9 +20,6 @@ PROBE_TIMEOUT = 60.0  # s; a second is enough, but a loaded machine with a cold 
 AUTOMATIC = ("cgl", "glfw") if sys.platform == "darwin" else ("egl", "osmesa")
 BACKENDS = ("egl", "osmesa", "glfw", "cgl")  # each is a submodule of mujoco with a GLContext
 MUJOCO_DEFAULT = ("", "enable", "enabled", "on", "true", "1")  # values of MUJOCO_GL that name no backend
-REMEDY = (
-    "on Debian or Ubuntu install libegl1 libgl1 libgl1-mesa-dri (for egl, no display needed) or libosmesa6 (for osmesa)"
-)
 
 
 def available_backend() -> tuple[str | None, str]:
@@ -50,7 +47,10 @@ def _first_that_works(requested: str) -> tuple[str | None, str]:
             return backend, "named by MUJOCO_GL" if backend == requested else "the first that works here"
         failures.append(f"{backend}: {failure}")
     only = "" if requested in MUJOCO_DEFAULT else f" with MUJOCO_GL={requested}"
-    return None, f"no offscreen OpenGL works{only} ({'; '.join(failures)}); {REMEDY}"
+    return None, (
+        f"no offscreen OpenGL works{only} ({'; '.join(failures)}); on Debian or Ubuntu install libegl1 libgl1 "
+        "libgl1-mesa-dri (for egl, no display needed) or libosmesa6 (for osmesa)"
+    )
 
 
 def _probe(backend: str) -> str | None:

@@ -4,7 +4,7 @@ The constant part is one matplotlib figure, drawn once when the overlay is made.
 has a row with a symbol for each thing that is drawn, and a bar of colours for each medium.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from matplotlib.transforms import IdentityTransform
 from PIL import Image, ImageDraw, ImageFont
 
 from mjsheaf.arrays import Array
-from mjsheaf.show.played import Poses
+from mjsheaf.show.played import Medium, Poses
 from mjsheaf.show.style import OBSTACLE, STOPS, list_scales, round_number, speed_colours
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Film, Moment, VideoOptions, error_range
@@ -36,15 +36,12 @@ MARGIN = 14
 TITLE, SUBTITLE, TIME, ERROR, CURVE, STATUS_HEIGHT = 8, 40, 66, 93, 120, 202  # rows of the status
 CURVE_HEIGHT, TICKS = 58, 56  # height of the curve; width of the numbers next to it
 
-MAX_LABELS = 24  # agents with names in the picture; those of more would cover it
 MAX_GROUPS = 8  # with a row each
 MAX_SCALES = 4  # rows on vehicles that are drawn larger
 SIZE = 13  # of type, in pixels of a 1000x720 frame
 BELOW_BARS = 30  # room for the numbers of the lowest bar
 BAR_HEIGHT, BAR_ROOM = 9, 52  # of a bar of colours, and of all that belongs to it
 HANDLE = 2.0  # width of symbols, in sizes of type
-ROW = 1.75  # height of a row of the legend, in sizes of type
-WATER = (0.36, 0.55, 0.68)  # behind arrows, RGB in 0..1
 GAP = 0.8  # between a symbol and its words, in sizes of type
 
 
@@ -55,41 +52,35 @@ class Overlay:
         rows: Symbols of the legend, with their labels.
     """
 
-    def __init__(
-        self,
-        film: Film,
-        options: VideoOptions,
-        survey: Poses,
-        arrows: Mapping[str, tuple[float, int]] | None = None,
-    ) -> None:
+    def __init__(self, film: Film, options: VideoOptions, survey: Poses) -> None:
         """Draw everything that stays the same.
 
         Args:
             film: Content of the video.
             options: Size of the frame and so on.
             survey: Samples of the run, for the curve of its error.
-            arrows: End of the scale of speeds, m/s, and number of the scale of colours of each medium by name.
         """
-        self._film, self._unit = film, options.unit
-        self._width, self._height = options.width, options.height
-        self._panel, self._scene = options.panel, options.scene
-        self._inner = max(self._panel - 2 * self._px(MARGIN), 1)
+        self._film, self._options = film, options
+        self._inner = max(self._options.panel - 2 * self._px(MARGIN), 1)
         self._left = self._px(MARGIN)
-        size = self._panel / 72, options.height / 72
+        size = self._options.panel / 72, options.height / 72
         figure = Figure(figsize=size, dpi=72, facecolor=(0.09, 0.13, 0.18))  # a point is a pixel
         canvas = FigureCanvasAgg(figure)
         (curve,) = self._add_curve(figure, survey)
         self.rows = legend_rows(film, options, survey)
-        top = self._height - self._px(STATUS_HEIGHT + 2 * MARGIN)
-        bars = (BAR_ROOM * len(arrows) + BELOW_BARS) * self._unit if arrows else 0.0
-        add_legend(figure, self.rows, (self._left, top, self._inner, top - self._px(MARGIN) - bars), SIZE * self._unit)
-        add_bars(figure, arrows or {}, self._left, self._inner, self._unit)
+        top = self._options.height - self._px(STATUS_HEIGHT + 2 * MARGIN)
+        bars = (BAR_ROOM * len(film.media) + BELOW_BARS) * options.unit if film.media else 0.0
+        add_legend(
+            figure, self.rows, (self._left, top, self._inner, top - self._px(MARGIN) - bars), SIZE * self._options.unit
+        )
+        add_bars(figure, film.media, self._left, self._inner, options.unit)
         canvas.draw()
         self._whole = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         curve.set_visible(False)
         canvas.draw()
         self._bare = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
-        labelled = range(film.vehicles) if film.agents <= MAX_LABELS else range(film.agents, film.vehicles)
+        # The names of more agents would cover the picture.
+        labelled = range(film.vehicles) if film.agents <= 24 else range(film.agents, film.vehicles)
         self._labels = {vehicle: bright(film.colours[film.group[vehicle]]) for vehicle in labelled}
 
     def write(self, image: Image.Image, moment: Moment, view: View) -> None:
@@ -118,9 +109,13 @@ class Overlay:
 
     def _write_scale(self, draw: ImageDraw.ImageDraw, view: View) -> None:
         """Draw a bar of a round length at the bottom right, as long as that is at the team's centre."""
-        metre = 1.0 / view.metres_per_pixel(self._height)
+        metre = 1.0 / view.metres_per_pixel(self._options.height)
         length = round_number(self._px(150) / metre, up=False, steps=(1.0, 2.0, 5.0))
-        right, row, width = self._width - self._px(2 * MARGIN), self._height - self._px(2 * MARGIN), self._px(2)
+        right, row, width = (
+            self._options.width - self._px(2 * MARGIN),
+            self._options.height - self._px(2 * MARGIN),
+            self._px(2),
+        )
         left, end = right - length * metre, self._px(5)
         marks = [(x, row - end, x, row + end) for x in (left, right)]
         for thickness, colour in ((width + 2 * self._px(1), OUTLINE), (width, WHITE)):  # an outline, then the bar
@@ -132,8 +127,8 @@ class Overlay:
     def _add_curve(self, figure: Figure, survey: Poses) -> list[Line2D]:
         """Add the error over time on a log scale, and note where it is in the frame; return the curve."""
         left, width = self._left, max(self._inner - self._px(TICKS), 2)
-        bottom = self._height - self._px(MARGIN + CURVE + CURVE_HEIGHT)
-        size = (self._panel, self._height) * 2
+        bottom = self._options.height - self._px(MARGIN + CURVE + CURVE_HEIGHT)
+        size = (self._options.panel, self._options.height) * 2
         axes = figure.add_axes(tuple(np.divide((left, bottom, width, self._px(CURVE_HEIGHT)), size)))
         axes.set_facecolor((0.0, 0.0, 0.0, 0.35))
         axes.yaxis.tick_right()
@@ -147,17 +142,20 @@ class Overlay:
         room = 0.08 * max(top - floor, 1e-3)
         axes.set_ylim(floor - room, top + room)
         axes.set_yticks([floor, top], [f"{error:.3g} m" if known else "" for error in (low, high)])
-        axes.grid(axis="y", color=GREY, alpha=0.25, linewidth=max(self._unit, 0.5))
-        label_ends(axes, [start, end], [f"{time:.4g} s" for time in (start, end)], self._unit)
-        curve = axes.plot(survey.time, values, color=BLUE, linewidth=1.6 * max(self._unit, 0.6))
+        axes.grid(axis="y", color=GREY, alpha=0.25, linewidth=max(self._options.unit, 0.5))
+        label_ends(axes, [start, end], [f"{time:.4g} s" for time in (start, end)], self._options.unit)
+        curve = axes.plot(survey.time, values, color=BLUE, linewidth=1.6 * max(self._options.unit, 0.6))
         columns, rows = axes.transData.transform(np.column_stack([survey.time, np.nan_to_num(values)])).T
-        self._curve_time, self._curve = survey.time, (columns, self._height - np.where(np.isnan(values), np.nan, rows))
+        self._curve_time, self._curve = (
+            survey.time,
+            (columns, self._options.height - np.where(np.isnan(values), np.nan, rows)),
+        )
         return curve
 
     def _write_labels(self, draw: ImageDraw.ImageDraw, moment: Moment, view: View) -> None:
         """Write the names of vehicles next to them, and draw a diamond around each target."""
-        pixels, depth = view.project(moment.positions, *self._scene)
-        pixels[:, 0] += self._panel
+        pixels, depth = view.project(moment.positions, *self._options.scene)
+        pixels[:, 0] += self._options.panel
         absent = self._film.absent(moment.time)
         for vehicle, tint in self._labels.items():
             if depth[vehicle] <= 0:
@@ -187,7 +185,7 @@ class Overlay:
 
     def _px(self, size: float) -> int:
         """Convert a size given for a frame of the reference size to this frame's pixels."""
-        return max(1, round(size * self._unit))
+        return max(1, round(size * self._options.unit))
 
 
 def label_ends(axes: Any, places: list[float], labels: list[str], unit: float) -> None:
@@ -227,41 +225,37 @@ def legend_rows(film: Film, options: VideoOptions, survey: Poses) -> list[Line2D
     of_agents = list(dict.fromkeys(film.group[: film.agents].tolist()))  # in order, each once
     of_targets = list(dict.fromkeys(film.group[film.agents :].tolist()))
     rows = [marked(film.group_names[g], film.colours[g], "o") for g in of_agents[:MAX_GROUPS]]
-    if len(of_agents) > MAX_GROUPS:
-        rows.append(marked(f"and {len(of_agents) - MAX_GROUPS} more groups", GREY, r"$\cdots$", 1.3))
-    if of_targets:  # they may have one colour of their own, or several
-        tint = bright(film.colours[of_targets[0]]) if len(of_targets) == 1 else WHITE
-        rows.append(marked("target, does not cooperate", tint, "D", 0.85, 0.12, markerfacecolor="none"))
-    if film.agents:
-        rows.append(marked("q*: where an agent should be", (*GREY, 0.45), "o", edge=0.07, markeredgecolor=GREY))
-    if film.obstacles is not None and len(film.obstacles.kind):
-        rows.append(marked("obstacle", OBSTACLE, "s"))
-    if any(stage.absent for stage in film.stages):
-        rows.append(marked("lost, or yet to join", tuple(ABSENT[:3].tolist()), "o"))
+    # Targets may have one colour of their own, or several.
+    of_target = bright(film.colours[of_targets[0]]) if len(of_targets) == 1 else WHITE
     kinds = {kind for stage in film.stages for _, _, kind in stage.edges}
-    if "communication" in kinds:
-        rows.append(lined("agents communicate", COMMUNICATION))
-    if "one-way" in kinds:
-        rows.append(lined("agent senses agent, one way", COMMUNICATION, marker=">", markersize=0.6 * em))
-    if "sensing" in kinds:
-        rows.append(lined("agent senses target", SENSING, linestyle=(0, (2.0, 1.4))))
-    if film.restraints is not None:
-        rows.append(lined("the safety filter restrains an agent", RESTRAINED, marker="o", markersize=0.9 * em))
-    if options.trail:
-        rows.append(marked(f"track of the last {options.trail:g} s", GREY, r"$\sim$", 1.5))
+    obstacles = film.obstacles is not None and len(film.obstacles.kind) > 0
+    absent = any(stage.absent for stage in film.stages)
+    more = len(of_agents) - MAX_GROUPS
     # Lines to the surface begin at about 1 m.
-    if film.surface != "none" and (np.abs(survey.positions[..., 2] - film.surface_height) > 1.0).any():
-        rows.append(marked("height above or below the surface", GREY, "|", 1.2, 0.09))
-    if film.grid:
-        rows.append(marked(f"squares {film.grid:g} m wide", GREY, "s", edge=0.09, markerfacecolor="none"))
+    off_surface = film.surface != "none" and (np.abs(survey.positions[..., 2] - film.surface_height) > 1.0).any()
     scales = list_scales(film.kinds or film.ids, film.ids, film.scales)
-    for scale, names in scales[:MAX_SCALES]:
-        rows.append(marked(f"drawn ×{scale:g}: {', '.join(names)}", WHITE, r"$\nearrow$", 1.1))
-    if len(scales) > MAX_SCALES:
-        rows.append(marked("others are drawn larger too", WHITE, r"$\nearrow$", 1.1))
-    if options.speed != 1:
-        rows.append(marked(f"played {options.speed:g} times as fast", BLUE, ">"))
-    return rows
+    larger = [f"drawn ×{scale:g}: {', '.join(names)}" for scale, names in scales[:MAX_SCALES]]
+    others = [
+        (more > 0, marked(f"and {more} more groups", GREY, r"$\cdots$", 1.3)),
+        (of_targets, marked("target, does not cooperate", of_target, "D", 0.85, 0.12, markerfacecolor="none")),
+        (film.agents, marked("q*: where an agent should be", (*GREY, 0.45), "o", edge=0.07, markeredgecolor=GREY)),
+        (obstacles, marked("obstacle", OBSTACLE, "s")),
+        (absent, marked("lost, or yet to join", tuple(ABSENT[:3].tolist()), "o")),
+        ("communication" in kinds, lined("agents communicate", COMMUNICATION)),
+        ("one-way" in kinds, lined("agent senses agent, one way", COMMUNICATION, marker=">", markersize=0.6 * em)),
+        ("sensing" in kinds, lined("agent senses target", SENSING, linestyle=(0, (2.0, 1.4)))),
+        (
+            film.restraints is not None,
+            lined("the safety filter restrains an agent", RESTRAINED, marker="o", markersize=0.9 * em),
+        ),
+        (options.trail, marked(f"track of the last {options.trail:g} s", GREY, r"$\sim$", 1.5)),
+        (off_surface, marked("height above or below the surface", GREY, "|", 1.2, 0.09)),
+        (film.grid, marked(f"squares {film.grid or 0:g} m wide", GREY, "s", edge=0.09, markerfacecolor="none")),
+        *((True, marked(words, WHITE, r"$\nearrow$", 1.1)) for words in larger),
+        (len(scales) > MAX_SCALES, marked("others are drawn larger too", WHITE, r"$\nearrow$", 1.1)),
+        (options.speed != 1, marked(f"played {options.speed:g} times as fast", BLUE, ">")),
+    ]
+    return [*rows, *(row for shown, row in others if shown)]
 
 
 def add_legend(figure: Figure, rows: list[Line2D], room: tuple[float, float, float, float], largest: float) -> Legend:
@@ -274,7 +268,7 @@ def add_legend(figure: Figure, rows: list[Line2D], room: tuple[float, float, flo
         largest: Largest size of type, in pixels.
     """
     left, top, width, height = room
-    size = max(min(largest, height / (ROW * max(len(rows), 1))), 1.0)
+    size = max(min(largest, height / (1.75 * max(len(rows), 1))), 1.0)  # a row is 1.75 sizes of type high
     longest = width - (HANDLE + GAP) * size
     return figure.legend(
         rows,
@@ -294,27 +288,29 @@ def add_legend(figure: Figure, rows: list[Line2D], room: tuple[float, float, flo
     )
 
 
-def add_bars(figure: Figure, arrows: Mapping[str, tuple[float, int]], left: float, width: float, unit: float) -> None:
+def add_bars(figure: Figure, media: Sequence[Medium], left: float, width: float, unit: float) -> None:
     """Add a bar of colours for the speed of each medium, above one another from the bottom of a figure in pixels.
 
     Args:
         figure: The figure; a point is a pixel.
-        arrows: End of the scale of speeds, m/s, and number of the scale of colours, by the medium's name.
+        media: The media.
         left, width: Where bars begin, and how long they are.
         unit: Pixels in one of a 1000x720 frame.
     """
     size = (figure.bbox.width, figure.bbox.height) * 2
-    for number, name in enumerate(reversed(list(arrows))):
-        top, scale = arrows[name]
+    for number, medium in enumerate(reversed(media)):
+        top = medium.top
         bottom = (BELOW_BARS + BAR_ROOM * number) * unit
         axes = figure.add_axes(tuple(np.divide((left, bottom, width, max(BAR_HEIGHT * unit, 1.0)), size)))
-        axes.set_facecolor(WATER)
-        shades = speed_colours(scale, np.linspace(0.0, 1.0, 128))
+        axes.set_facecolor((0.36, 0.55, 0.68))  # water, behind arrows
+        shades = speed_colours(medium.scale, np.linspace(0.0, 1.0, 128))
         axes.imshow(shades[None], aspect="auto", extent=(0.0, top, 0.0, 1.0))
         axes.set_yticks([])
         label_ends(axes, [0.0, top / 2.0, top], ["0", f"{top / 2.0:g}", f"{top:g} m/s"], unit)
-        axes.set_title(f"speed of the {name}", loc="left", fontsize=SIZE * unit, color=WHITE, pad=5 * unit, x=0.14)
-        tint = tuple(STOPS[scale % len(STOPS), 1, :3].tolist())
+        axes.set_title(
+            f"speed of the {medium.name}", loc="left", fontsize=SIZE * unit, color=WHITE, pad=5 * unit, x=0.14
+        )
+        tint = tuple(STOPS[medium.scale % len(STOPS), 1, :3].tolist())
         above = bottom + (BAR_HEIGHT + 3) * unit
         figure.text(left, above, "→", transform=None, fontsize=1.6 * SIZE * unit, color=tint)
 

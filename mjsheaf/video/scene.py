@@ -41,8 +41,6 @@ HEAD_AT = 0.65  # place of the arrowhead's tip on an edge, as a fraction: vehicl
 
 ARROW_REACH = 9  # number of arrows from the centre of the picture to where they fade
 
-FEW_AGENTS, FEW_EDGES = 50, 60  # of more, balls at q* are smaller and edges to targets fainter
-
 SIZES = {
     "arrow spacing": 75.0,  # between the arrows of a flow
     "dash": 10.0,  # length of a dash and of the gap after it
@@ -100,16 +98,13 @@ class Decorator:
         """Prepare the scene. `owners`: vehicle of each geom of the model, or -1, for drawing absent ones in grey."""
         self._film, self._owners = film, owners
         self._colours = film.colours[film.group].astype(np.float32)  # (V, 3)
-        self._unit = options.drawn_unit
         self._height = options.drawn[1]
+        self._unit = options.unit * self._height / options.height
         self._trail = min(options.trail, film.span[1] - film.span[0])
         self._edges = [[_pairs(stage.edges, kind) for kind in get_args(EdgeKind)] for stage in film.stages]
         self.most_geoms = 3 * film.vehicles  # per vehicle: the foot of its vertical line, a ball at q* and a halo
         self.most_geoms += 0 if film.obstacles is None else len(film.obstacles.kind)
         self._spacing = 0.0
-        # MuJoCo's transparent geoms write no depth, so a sea, which is drawn later, would cover them.
-        self._see_through = 1.0 if film.seas else 0.55
-        self._marker = 6.5 if film.seas else 10.5  # radius of the ball at q*
 
     def lay_out_arrows(self, view: View) -> None:
         """Choose the spacing of arrows for one of the camera's views."""
@@ -122,12 +117,12 @@ class Decorator:
         if absent:
             self._turn_grey(scene, absent)
         size = self._unit * view.metres_per_pixel(self._height)  # of a pixel of the reference frame, in m
-        # Balls shrink, so that they do not cover each other.
-        radius = self._marker * min(1.0, (FEW_AGENTS / max(self._film.agents, 1)) ** 0.5) * size
-        goals = zip(moment.harmonic_extension, self._with_alpha(self._see_through), strict=False)
-        for i, (goal, rgba) in enumerate(goals):
-            if i not in absent:
-                _add_ball(scene, goal, radius, rgba)
+        # Balls of more than 50 agents shrink, so that they do not cover each other.
+        radius = (6.5 if self._film.seas else 10.5) * min(1.0, (50 / max(self._film.agents, 1)) ** 0.5) * size
+        there = [i for i in range(self._film.agents) if i not in absent]
+        # MuJoCo's transparent geoms write no depth, so a sea, which is drawn later, would cover them.
+        rgba = self._with_alpha(1.0 if self._film.seas else 0.55)[there]
+        _add_balls(scene, moment.harmonic_extension[there], radius, rgba)
         if self._film.obstacles is not None:
             _add_obstacles(scene, self._film.obstacles, moment.time, view)
         stems = [] if self._film.surface == "none" else [self._stems(scene, moment, size)]
@@ -186,8 +181,8 @@ class Decorator:
                 geom.matid, geom.rgba = -1, ABSENT
 
     def _dashed(self, moment: Moment, sensing: IntArray) -> Lines:
-        """Show who sees whom; many edges are drawn fainter."""
-        rgba = SENSING * np.array([1, 1, 1, min(1.0, (FEW_EDGES / max(len(sensing), 1)) ** 0.5)], np.float32)
+        """Show who sees whom; more than 60 edges are drawn fainter."""
+        rgba = SENSING * np.array([1, 1, 1, min(1.0, (60 / max(len(sensing), 1)) ** 0.5)], np.float32)
         tails, heads = moment.positions[sensing.T]
         return Lines.of(tails, heads, rgba, WIDTHS["sensing"] * self._unit, SIZES["dash"] * self._unit)
 
@@ -197,8 +192,7 @@ class Decorator:
         found = [self._heads(moment, one_way, view, size)] if len(one_way) else []
         if self._film.restraints is not None:
             starts, ends = self._film.restraints(moment.time, moment.positions)
-            for start in starts:
-                _add_ball(scene, start, SIZES["halo"] * size, RESTRAINED)
+            _add_balls(scene, starts, SIZES["halo"] * size, RESTRAINED)
             found.append(Lines.of(starts, starts + 0.4 * (ends - starts), RESTRAINED, WIDTHS["restraint"] * self._unit))
         return found
 
@@ -225,8 +219,7 @@ class Decorator:
         off = np.abs(moment.positions[:, 2] - level) > SIZES["shortest stem"] * size
         feet = moment.positions[off] * [1.0, 1.0, 0.0] + [0.0, 0.0, level]
         rgba = self._with_alpha(0.5)[off]
-        for foot, own in zip(feet, rgba, strict=True):
-            _add_ball(scene, foot, SIZES["foot"] * size, own)
+        _add_balls(scene, feet, SIZES["foot"] * size, rgba)
         return Lines.of(moment.positions[off], feet, rgba, WIDTHS["stem"] * self._unit)
 
     def _with_alpha(self, alpha: float) -> Float32Array:
@@ -262,10 +255,11 @@ def _add_geom(
     return geom
 
 
-def _add_ball(scene: mujoco.MjvScene, centre: Array, radius: float, rgba: Float32Array) -> None:
-    """Add a ball; radius in m."""
-    geom = _add_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, radius), centre, rgba)
-    geom.emission = 0.6  # keeps its group's colour in the shade
+def _add_balls(scene: mujoco.MjvScene, centres: Array, radius: float, rgba: Float32Array) -> None:
+    """Add balls about centres (n, 3) of a radius in m, in colours (n, 4) or all in one (4,)."""
+    for centre, own in zip(centres, np.broadcast_to(rgba, (len(centres), 4)), strict=True):
+        geom = _add_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, radius), centre, own)
+        geom.emission = 0.6  # keeps its group's colour in the shade
 
 
 _SHAPES = {
@@ -445,7 +439,6 @@ def enlarge_vehicles(model: mujoco.MjModel, body_id: IntArray, scales: Array | f
 
 NEAR, FAR = 0.02, 40.0  # clipping planes, as multiples of the camera's shortest and longest distance
 FLATNESS = 0.6  # maximum distance of a side from the circle, pixels
-MIN_SIDES = 12  # of round geoms
 
 
 def set_detail(model: mujoco.MjModel, views: Sequence[View], radius: float, height: int) -> None:
@@ -464,7 +457,7 @@ def set_detail(model: mujoco.MjModel, views: Sequence[View], radius: float, heig
     # Round geoms get only as many sides as are visible, because small round parts can take half the time of a frame.
     # The largest one is assumed to be a third of its vehicle. n sides miss a circle of radius r by r (1 - cos(pi / n)).
     part = max(radius / nearest.metres_per_pixel(height) / 3, 2 * FLATNESS)
-    slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), MIN_SIDES)
+    slices = max(int(np.ceil(np.pi / np.arccos(1 - FLATNESS / part))), 12)
     model.vis.quality.numslices = min(model.vis.quality.numslices, slices)
     model.vis.quality.numstacks = min(model.vis.quality.numstacks, slices * 2 // 3)
 
@@ -478,12 +471,6 @@ CREST = np.array([0.20, 0.50, 0.58])  # of high water, through which light falls
 HORIZON = np.array([0.80, 0.88, 0.94])  # and of the sky, low and high
 ZENITH = np.array([0.32, 0.52, 0.76])
 SUN = np.array([0.48, 0.36, 0.80])  # unit vector to it
-
-
-def sea_at(seas: Sequence[Sea], time: float) -> Sea | None:
-    """Return the sea at a time, the last that has begun, or the first; None without waves."""
-    begun = [sea for sea in seas if sea.start <= time + 1e-9]
-    return next(iter(begun[-1:] or seas), None)
 
 
 def mesh(sea: Sea, view: View, time: float) -> tuple[Array, Array]:

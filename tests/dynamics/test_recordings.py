@@ -13,7 +13,7 @@ import xarray as xr
 
 import mjsheaf
 from mjsheaf.errors import MjsheafError
-from mjsheaf.export.log import make_sink
+from mjsheaf.export.log import require_installed
 from mjsheaf.recordings import read_positions
 from mjsheaf.results.store import send, write_dataset
 
@@ -38,7 +38,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
     (folder / "scenario.yaml").write_text("")
     (folder / "bag").mkdir()
     for name, path in (("mcap", folder / "run.mcap"), ("ros2", folder / "bag")):
-        send([run], make_sink(name, path, scenario, scenario.phases, folder / "scenario.yaml"))
+        (kind,) = require_installed([name])
+        send([run], kind(path, scenario, scenario.phases, folder / "scenario.yaml"))
     write_dataset([run], folder / "result.nc")
     return folder, np.column_stack([run["time"].values, run["target_position"].values[:, 0]])
 

@@ -27,7 +27,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.cli import main
 from mjsheaf.errors import InputError
 from mjsheaf.export import export_run
-from mjsheaf.export.log import FORMATS, PALETTE, TOPICS, make_sink
+from mjsheaf.export.log import FORMATS, PALETTE, TOPICS, require_installed
 from mjsheaf.export.mcap import MAX_FIELDS, make_messages, turn_along
 from mjsheaf.results.dataset import VARIABLES
 from mjsheaf.results.store import send, split
@@ -51,7 +51,8 @@ def write(
     if source is None:
         source = path.parent / "scenario.yaml"
         source.write_text("name: it\n")
-    send(split(run, samples), make_sink(name, path, scenario, scenario.phases, source))
+    (kind,) = require_installed([name])
+    send(split(run, samples), kind(path, scenario, scenario.phases, source))
     return path
 
 

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 import mjsheaf
 from mjsheaf.errors import InputError
 from mjsheaf.runs.publish import plot_again
-from mjsheaf.show.panels import write_figure
+from mjsheaf.show.plots import write_figure
 from tests.commands import call
 
 NAMES = ["errors", "trajectories", "configurations"]

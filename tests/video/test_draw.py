@@ -63,7 +63,7 @@ class TestVideo:
         film = make_film(model)
         with Painter(film, model, SMALL) as first, Painter(film, model, SMALL) as second:
             for number in (3, 7, 3):  # two at once, and out of order: no frame depends on another
-                np.testing.assert_array_equal(first.paint(number), second.paint(number))
+                np.testing.assert_array_equal(np.array(first.draw(number)()), np.array(second.draw(number)()))
 
     def test_vehicle_is_where_the_camera_says(self, model: mujoco.MjModel) -> None:
         """A red box alone in the scene shows up around the pixel to which it is projected."""
@@ -76,7 +76,7 @@ class TestVideo:
             painter._overlay.write = lambda *_: None  # type: ignore[method-assign]
             painter._decorator.add = lambda *_: []  # type: ignore[method-assign]
             for number in (0, 20):
-                frame = painter.paint(number).astype(int)
+                frame = np.array(painter.draw(number)()).astype(int)
                 red = np.argwhere((frame[..., 0] > 30) & (frame[..., 0] > 2 * frame[..., 1]))
                 position = film.run.at(painter.times[number : number + 1]).positions[0, 2:3]
                 expected, _ = painter.camera[number].project(position, *options.scene)
@@ -88,7 +88,7 @@ class TestVideo:
         film = make_film(model)
         good, draft = (VideoOptions(width=size[0], height=size[1], quality=quality) for quality in ("good", "draft"))
         with Painter(film, model, good) as one, Painter(film, model, draft) as other:
-            fine, coarse = (painter.paint(5).astype(float) for painter in (one, other))
+            fine, coarse = (np.array(painter.draw(5)()).astype(float) for painter in (one, other))
         assert coarse.shape == fine.shape == (size[1], size[0], 3)
         assert 0 < np.abs(fine - coarse).mean() < 12
 
@@ -113,7 +113,7 @@ class TestVideo:
     def test_the_model_is_not_changed(self, model: mujoco.MjModel) -> None:
         before = (model.geom_size.copy(), model.vis.map.zfar, model.vis.global_.offwidth)
         with Painter(make_film(model, scales=np.full(5, 3.0)), model, SMALL) as painter:
-            painter.paint(0)
+            np.array(painter.draw(0)())
         np.testing.assert_array_equal(model.geom_size, before[0])
         assert (model.vis.map.zfar, model.vis.global_.offwidth) == before[1:]
 
@@ -127,9 +127,8 @@ class TestVideo:
         assert draw_video([(film, model)], tmp_path / "a.mp4", SMALL) == 21
 
     def test_closing_twice(self, model: mujoco.MjModel) -> None:
-        painter = Painter(make_film(model), model, SMALL)
-        painter.close()
-        painter.close()
+        with Painter(make_film(model), model, SMALL) as painter:
+            painter.__exit__()
 
 
 def test_no_backend(model: mujoco.MjModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -56,7 +56,7 @@ def test_the_video_shows_whom_the_safety_filter_restrains(monkeypatch: pytest.Mo
     run = simulate(scenario, backend="ideal")
     film, _ = film_of(scenario, run)
     added: list[Any] = []
-    monkeypatch.setattr("mjsheaf.video.scene._add_ball", lambda _, place, *__: added.append(place))
+    monkeypatch.setattr("mjsheaf.video.scene._add_balls", lambda _, places, *__: added.extend(places))
     painter, nobody = Decorator(film, VideoOptions()), np.zeros((0, 2), dtype=np.int64)
     view, restrained = View(np.zeros(3), 20.0, 90.0, -30.0, 45.0), 0
     for number in range(0, 100, 10):
@@ -140,7 +140,7 @@ def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str)
     options = video_options(scenario, width=640, height=640, elevation=-90.0, azimuth=90.0, distance=200.0, trail=0.0)
     film, model = film_of(scenario, simulate(scenario, "ideal"))
     with Painter(film, model, options) as painter:
-        row = painter.paint(0)[470, 240:].astype(float).sum(axis=1)
+        row = np.array(painter.draw(0)())[470, 240:].astype(float).sum(axis=1)
         pixel = painter.camera[0].metres_per_pixel(640)
     row -= row.mean()
     likeness = [row[shift:] @ row[:-shift] / len(row[shift:]) for shift in range(20, 300)]
@@ -169,11 +169,11 @@ def test_a_swarm_of_hundreds_can_be_drawn() -> None:
     scenario = load_scenario("swarm", {"swarm.size": 210, "time.end": 0.02, "video.width": 320, "video.height": 180})
     film, model = film_of(scenario, simulate(scenario, backend="ideal"))
     with Painter(film, model, video_options(scenario, quality="draft", trail=0.0)) as painter:
-        frame = painter.paint(0)
+        frame = np.array(painter.draw(0)())
     bare = copy(model)
     bare.geom_rgba[np.isin(bare.geom_bodyid, film.body_id), 3] = 0.0  # vehicles that cannot be seen
     with Painter(film, bare, video_options(scenario, quality="draft", trail=0.0)) as painter:
-        without = painter.paint(0)
+        without = np.array(painter.draw(0)())
     assert (frame != without).any(axis=2).sum() > 210
 
 

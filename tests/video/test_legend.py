@@ -21,6 +21,10 @@ from tests.builders import change_film, make_film, make_model, samples_of
 from tests.commands import call
 
 MAGENTA = (255, 0, 255)
+MEDIA = [
+    Medium(name, [(0.0, np.zeros_like)], np.zeros(0, dtype=np.int64), True, scale, top)
+    for scale, (name, top) in enumerate({"wind": 1.5, "current": 0.6}.items())
+]
 
 
 def everything() -> Film:
@@ -74,7 +78,7 @@ def test_legend_and_scene_share_the_frame(size: tuple[int, int]) -> None:
     image = Image.new("RGB", size, MAGENTA)
     gone = change_film(film, positions=samples_of(film).positions + 1e7)  # no labels
     frames = Frames(gone, options)
-    overlay = Overlay(gone, options, frames.extent.survey, arrows={"wind": (1.5, 0), "current": (0.6, 1)})
+    overlay = Overlay(replace(gone, media=MEDIA), options, frames.extent.survey)
     view = view_at()
     overlay.write(image, frames.moment(0), view)
     drawn = np.asarray(image)
@@ -101,7 +105,7 @@ def test_a_long_legend_fits() -> None:
 
 def test_bars_are_labelled_in_metres_per_second() -> None:
     figure = Figure((4, 4), dpi=72)
-    add_bars(figure, {"wind": (1.5, 0), "current": (0.6, 1)}, 10.0, 200.0, 1.0)
+    add_bars(figure, MEDIA, 10.0, 200.0, 1.0)
     below, above = figure.axes
     for axes, name, top in ((above, "wind", "1.5 m/s"), (below, "current", "0.6 m/s")):
         assert axes.get_title(loc="left") == f"speed of the {name}"

@@ -80,6 +80,6 @@ def test_frames_show_a_sea_that_moves() -> None:
     for name, seas in (("sea", film.seas), ("level", ())):
         with Painter(replace(film, seas=seas), model, options) as painter:
             near = slice(options.panel, options.panel + 80)
-            first, last = (painter.paint(k)[120:, near].astype(int) for k in (0, len(painter.times) - 1))
+            first, last = (np.array(painter.draw(k)())[120:, near].astype(int) for k in (0, len(painter.times) - 1))
         changed[name] = np.abs(last - first).mean()
     assert changed["sea"] > 2.0 * changed["level"] + 1.0
