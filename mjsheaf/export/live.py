@@ -40,9 +40,8 @@ class Log(mcap.Log):
         super().__init__(path, scenario, phases, attachment)
         self.pace = pace
         self._server: WebSocketServer | None = None
-        self._first = -1  # time of the first sample, ns
-        self._sent = 0  # that of the last one that was sent, ns
-        self._begun = 0.0  # when the first was sent, s
+        self._sent = 0  # time of the last sample that was sent, ns
+        self._begun = math.nan  # when one at time 0 would have been sent, s
         self._shown = -math.inf  # when vehicles were, s
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
@@ -57,8 +56,8 @@ class Log(mcap.Log):
             "/vehicles": SceneUpdate,
             "/scene": SceneUpdate,
             "/log": LogMessage,
+            **{f"/{topic}": kind for topic, kind in self._kinds.items()},
         }
-        kinds |= {f"/{topic}": kind for topic, kind in self._kinds.items()}
         self._context = context = foxglove.Context()  # which does not outlive its last reference
         # Before the server: who connects while a channel is added may be told that there is none.
         self._channels = {
@@ -81,13 +80,11 @@ class Log(mcap.Log):
 
     def write_moment(self, moment: Moment) -> None:
         """Send a sample when its time has come."""
-        if self._first < 0:
-            self._first = moment.time
-            self._begun = time.monotonic()
+        if math.isnan(self._begun):
+            self._begun = time.monotonic() - moment.time / 1e9 / self.pace
         elif moment.phase == self._phase and moment.time - self._sent < 1e9 * _FRAME:
             return
-        due = self._begun + (moment.time - self._first) / 1e9 / self.pace
-        time.sleep(max(0.0, due - time.monotonic()))
+        time.sleep(max(0.0, self._begun + moment.time / 1e9 / self.pace - time.monotonic()))
         if time.monotonic() - self._shown >= _AGAIN:
             self._shown = time.monotonic()
             self.write_vehicles()

@@ -4,7 +4,6 @@ Poses are exact, and times are to the nanosecond. Desired positions are rounded 
 initial size, so that files stay small.
 """
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -248,14 +247,14 @@ def make_sink(format_name: str, path: Path, scenario: Scenario, phases: Sequence
     Raises:
         InputError: The packages of the extra `mcap` are not installed.
     """
-    (kind,) = require_installed([format_name])
-    return kind(path, scenario, phases, source)
+    return require_installed([format_name])[0](path, scenario, phases, source)
 
 
 def sinks_of(formats: Sequence[str], directory: Path, scenario: Scenario, phases: Sequence[Phase]) -> list[Sink]:
-    """Return the sinks that write a run's exports into its directory, which has scenario.yaml; 'live' writes none."""
-    source = directory / "scenario.yaml"
-    return [make_sink(name, directory / FORMATS.get(name, os.devnull), scenario, phases, source) for name in formats]
+    """Return the sinks that write a run's exports into its directory, which has scenario.yaml."""
+    return [
+        make_sink(name, directory / FORMATS[name], scenario, phases, directory / "scenario.yaml") for name in formats
+    ]
 
 
 def export_run(directory: Path, format_name: str, out: Path | None = None) -> Path:
@@ -276,7 +275,6 @@ def export_run(directory: Path, format_name: str, out: Path | None = None) -> Pa
         if strange:
             raise InputError(f"{path}: holds {strange[0]!r}, which mjsheaf did not write; choose another with --out")
         part = stack.enter_context(whole_directory(path) if format_name == "ros2" else whole_file(path))
-        sink = make_sink(format_name, part, scenario, scenario.phases, directory / "scenario.yaml")
-        pieces = split(dataset, length_of_piece(dataset))
-        send((piece.load() for piece in pieces), sink)
+        pieces = (piece.load() for piece in split(dataset, length_of_piece(dataset)))
+        send(pieces, make_sink(format_name, part, scenario, scenario.phases, directory / "scenario.yaml"))
     return path

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import xarray as xr
 from mcap.reader import make_reader
 
 from mjsheaf import load_scenario
@@ -81,6 +82,28 @@ def test_a_client_receives_the_messages_of_the_mcap_file(port: int, tmp_path: Pa
         assert data == written[message["topic"], int(message["timestamp"])], message["topic"]
     times = [int(message["timestamp"]) for message in received if message["topic"] == "/tf"]
     assert times == sorted(times)
+
+
+def test_it_is_shown_in_short_pieces_and_its_files_are_those_of_a_run_without(
+    port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A slow law is seen as it goes on, not once a long piece of its run is there."""
+    samples: list[int] = []
+    write = served.Log.write
+
+    def noting(self: served.Log, chunk: xr.Dataset) -> None:
+        samples.append(chunk.sizes["time"])
+        write(self, chunk)
+
+    monkeypatch.setattr(served.Log, "write", noting)
+    for out, options in (("plain", []), ("live", ["--live"])):
+        command = ["run", "midpoint", "--backend", "ideal", "--set", "time.end=0.5", "--no-video", *options]
+        assert call(*command, "--out", tmp_path / out) == 0
+    period = load_scenario("midpoint").controller.control_period
+    assert sum(samples) == round(0.5 / period) + 1
+    assert max(samples) * period <= 0.1 + 1e-9
+    for name in ("result.nc", "scenario.yaml", "errors.png"):
+        assert (tmp_path / "live" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
 
 
 def test_a_port_that_is_taken_is_named(port: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
