@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import foxglove
@@ -23,7 +24,6 @@ from mjsheaf.scenario import Scenario
 PORT = 8765
 """Port on 127.0.0.1, Foxglove's own."""
 _FRAME = 0.03  # least simulated time between messages, s
-_AGAIN = 1.0  # time after which vehicles are shown again to those who have come since, s
 
 
 class Log(mcap.Log):
@@ -85,7 +85,7 @@ class Log(mcap.Log):
         elif moment.phase == self._phase and moment.time - self._sent < 1e9 * _FRAME:
             return
         time.sleep(max(0.0, self._begun + moment.time / 1e9 / self.pace - time.monotonic()))
-        if time.monotonic() - self._shown >= _AGAIN:
+        if time.monotonic() - self._shown >= 1.0:  # again for those who have come since
             self._shown = time.monotonic()
             self.write_vehicles()
         self._sent = moment.time
@@ -103,4 +103,7 @@ class Log(mcap.Log):
             super().close()
         finally:
             if self._server is not None:
-                self._server.stop()
+                # It waits for a client that has connected and says nothing, as browsers do ahead of need: for ever.
+                stopping = Thread(target=self._server.stop, daemon=True)
+                stopping.start()
+                stopping.join(1.0)

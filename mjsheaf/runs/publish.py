@@ -53,7 +53,6 @@ from mjsheaf.video import VideoOptions
 from mjsheaf.video.film import Film, film_of, video_options
 
 _HEIGHT = 640  # px of a replay in a notebook
-_AHEAD = 0.1  # simulated time of a piece of a run that is shown live, s
 
 
 def write_scenario(scenario: Scenario, directory: Path) -> Path:
@@ -194,14 +193,14 @@ def execute(
     kinds = dict(zip(exports, require_installed(exports), strict=True))
     with timings.part("checks"):
         phases = prepare_run(scenario, backend, engine, threads, allow_drift=allow_drift)
-    samples = samples_in_piece(phases[0].system)
-    short = min(samples, max(1, round(_AHEAD / phases[0].system.grid.period))) if "live" in exports else samples
+    # A run that is shown live comes in pieces of 0.1 s, which are joined before they are written.
+    short = max(1, round(0.1 / phases[0].system.grid.period)) if "live" in exports else None
     pieces = timings.simulating(
         stream(phases, backend, scenario.seed, partial(progress, "simulating"), short, controller=controller)
     )
     if "live" in exports:
         sink = kinds["live"](Path(os.devnull), scenario, phases, Path(os.devnull))
-        pieces = in_pieces(show_live(pieces, sink), samples)
+        pieces = in_pieces(show_live(pieces, sink), samples_in_piece(phases[0].system))
     return publish(
         pieces, scenario, phases, directory, video=video, origin=origin, figures=figures,
         exports=[name for name in exports if name != "live"], progress=progress, timings=timings,

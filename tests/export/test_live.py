@@ -5,6 +5,7 @@ import json
 import socket
 import subprocess
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 import xarray as xr
 from mcap.reader import make_reader
 
-from mjsheaf import load_scenario
+from mjsheaf import load_scenario, simulate
 from mjsheaf.export import live as served
 from tests.builders import REPOSITORY
 from tests.commands import call
@@ -114,6 +115,19 @@ def test_a_port_that_is_taken_is_named(port: int, tmp_path: Path, capsys: pytest
     assert code == 2
     assert f"port {port} on 127.0.0.1" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+def test_a_client_that_says_nothing_does_not_hold_the_run(port: int, tmp_path: Path) -> None:
+    """Browsers open connections ahead of need, without a word."""
+    scenario = load_scenario("midpoint", {"time.end": 0.1})
+    sink = served.Log(tmp_path / "null", scenario, scenario.phases, tmp_path / "null", pace=1e9)
+    run = simulate(scenario, "ideal")
+    sink.open(run.variables, run.attrs)
+    with socket.create_connection(("127.0.0.1", port)):
+        sink.write(run)
+        begun = time.monotonic()
+        sink.close()
+        assert time.monotonic() - begun < 10.0
 
 
 @pytest.mark.slow
