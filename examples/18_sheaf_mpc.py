@@ -7,8 +7,9 @@ ahead and agree over a sheaf by ADMM. Here that is a law in Python: it repeats t
 published with their package, on points and, as the fourth picture shows, on boats in MuJoCo.
 
 The state of an agent is (x, vx, y, vy). At every sample, each plans inputs, accelerations within 2 m/s^2, for its own
-objective and for an end of its plan that agrees with its neighbours'; `nearest_global_section` projects the ends on
-the states whose edges differ by their offsets. The law keeps the planned velocity and commands it.
+objective and for an end of its plan that agrees with its neighbours'. The ends are projected on the states whose edges
+differ by their offsets: on the nearest global section, which is that of the origin and the part of the ends in H^0. The
+law keeps the planned velocity and commands it.
 """
 
 import json
@@ -68,6 +69,8 @@ class SheafMPC:
         F = np.eye(4)[self.run["compared"]]
         for (tail, head), offset in self.run["edges"].items():
             self.sheaf.add_edge(tail, head, F, F, offset=offset)
+        self.sections = self.sheaf.global_sections()
+        self.nearest = self.sheaf.nearest_global_section(np.zeros(12), offset=self.sheaf.offset())
         # A plan is linear in the state x now and the inputs u: state k is powers[k] x + reached[k] u.
         steps = self.run["states"] - 1
         powers = np.stack([np.linalg.matrix_power(A, k) for k in range(steps + 1)])
@@ -83,17 +86,19 @@ class SheafMPC:
             M = np.vstack([np.eye(2 * steps), *(root * reached[:-1]), c * reached[-1]])
             N = np.vstack([np.zeros((2 * steps, 4)), *(root * powers[:-1]), c * powers[-1]])
             m = np.concatenate([np.zeros(2 * steps), np.tile(root[:, 0] * goal, steps), np.zeros(4)])
-            self.objectives.append((M, N, m, c))
+            self.objectives.append((M, np.linalg.pinv(M), N, m, c))
 
     def reset(self, team, rng):
         self.velocity = self.start.copy()
 
     def plan(self, i, x, end):
         """Return the inputs that agent i plans from state x, whose end is to be near `end`; and their end."""
-        M, N, m, c = self.objectives[i]
+        M, inverse, N, m, c = self.objectives[i]
         wanted = m - N @ x
         wanted[-4:] += c * end
-        u = lsq_linear(M, wanted, (-LARGEST, LARGEST), method="bvls", tol=1e-14).x
+        u = inverse @ wanted
+        if np.abs(u).max() > LARGEST:
+            u = lsq_linear(M, wanted, (-LARGEST, LARGEST), method="bvls", tol=1e-14).x
         return u, self.last[0] @ x + self.last[1] @ u
 
     def __call__(self, t, sample):
@@ -103,7 +108,7 @@ class SheafMPC:
         for _ in range(ROUNDS):
             plans = [self.plan(i, states[i], (z - multiplier)[i]) for i in range(3)]
             ends = np.array([end for _, end in plans])
-            z = self.sheaf.nearest_global_section((ends + multiplier).ravel(), offset=self.sheaf.offset()).reshape(3, 4)
+            z = (self.nearest + self.sections @ (self.sections.T @ (ends + multiplier).ravel())).reshape(3, 4)
             multiplier = multiplier + ends - z
         self.velocity = v + DT * np.array([u[:2] for u, _ in plans])
         return np.column_stack([v, np.zeros(3)])
@@ -141,9 +146,12 @@ for axis, (name, backend) in zip(axes.flat, cases, strict=True):
     for i in range(3):
         x, y = result.agent_position.values[:, i, :2].T
         (line,) = axis.plot(x, y, label=f"agent {i + 1}")
-        axis.plot(x[-1], y[-1], "o", color=line.get_color())
+        axis.plot(x[-1], y[-1], "o", color=line.get_color(), label="end" if i == 2 else None)
         shown = np.array([positions[i] for positions in PUBLISHED[name]["at"].values()])
         axis.plot(*shown.T, "x", color="black", label="published" if i == 2 else None)
+    for number, edge in enumerate(RUNS[name]["edges"]):
+        ends = result.agent_position.values[-1, list(edge), :2]
+        axis.plot(*ends.T, ":", color="0.5", label=None if number else "edge")
     axis.set(
         title=f"{name.replace('_', ' ')}, {'points' if backend == 'ideal' else 'boats'}", xlabel="x (m)", ylabel="y (m)"
     )

@@ -5,7 +5,8 @@ Tracks of an estimator
 A radar sees a ship among false echoes, now and then not at all, and for ten seconds it is lost behind a headland.
 `Stone Soup <https://stonesoup.readthedocs.io>`_ estimates its track: a Kalman filter that weighs all echoes near where
 it expects the ship. Three boats escort the estimate, a target with ``motion: recorded``. How far are they from where
-they would have been, had they known the ship itself?
+they would have been, had they known the ship itself? The recording is a curve through the estimates, so the boats
+know each up to one scan early.
 
 It needs ``pip install stonesoup``, and does nothing without it.
 """
@@ -68,10 +69,11 @@ for t, place in zip(times[1:], ship[1:], strict=True):
     mean, covariance = gm_reduce_single(vectors, np.stack([state.covar for state in states], axis=2), weights)
     track.append(GaussianStateUpdate(mean, covariance, hypotheses, now))
 estimate = np.array([[state.state_vector[0], state.state_vector[2]] for state in track], dtype=float)
+stamps = np.array([(state.timestamp - begin).total_seconds() for state in track])
 
 
-def escort(path):
-    """Return the run of three boats about a target that follows a path, (T, 2) m."""
+def escort(times, path):
+    """Return the run of three boats about a target that is at each time, s from 0 on, where a path is, (T, 2) m."""
     scenario = mjsheaf.load_scenario(
         {
             "name": "escort",
@@ -98,7 +100,7 @@ def escort(path):
     return mjsheaf.simulate(scenario)
 
 
-knowing, tracking = escort(ship), escort(estimate)
+knowing, tracking = escort(times, ship), escort(stamps, estimate)
 apart = np.linalg.norm((tracking.agent_position - knowing.agent_position).values[..., :2], axis=-1).mean(axis=1)
 error = np.linalg.norm(estimate - ship, axis=1)
 when = tracking.time.values
@@ -109,7 +111,7 @@ assert error[times > LOST[1] + 10.0].mean() < 2.0 * NOISE  # it is found again
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 shown = np.array(echoes)
-left.plot(shown[:, 1], shown[:, 2], ".", color="0.8", label="echoes")
+left.plot(shown[:, 1], shown[:, 2], ".", color="0.7", markersize=4.0, label="echoes")
 left.plot(*ship.T, color="black", label="ship")
 left.plot(*estimate.T, color="tab:red", label="track")
 behind = (times >= LOST[0]) & (times <= LOST[1])

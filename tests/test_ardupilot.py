@@ -1,6 +1,7 @@
 """The example's bridge to ArduPilot: the published fields of packets, and a network that loses and repeats them."""
 
 import json
+import re
 import runpy
 import select
 import socket
@@ -88,6 +89,20 @@ class Autopilots:
         return self.sockets[k].recv(4096)
 
 
+def parsed(text: str, section: str, key: str, numbers: int) -> list[float]:
+    """Return what ArduPilot's parser reads (SIM_JSON.cpp, parse_sensors): it skips a fixed number of characters.
+
+    After the key those are its closing quote and a colon; then sscanf expects the bracket at once.
+    """
+    begin = text.index(section) + len(section) + 1
+    begin = text.index(key, begin) + len(key) + 2
+    number = r"\s*([-+0-9.e]+)"
+    pattern = number if numbers == 1 else r"\[" + ",".join([number] * numbers) + r"\]"
+    match = re.match(pattern, text[begin:])
+    assert match, f"{section}/{key} cannot be read: {text[begin : begin + 40]!r}"
+    return [float(value) for value in match.groups()]
+
+
 def frame_of(count: int, pwm: int = 1500, outputs: int = 16) -> bytes:
     magic = {16: 18458, 32: 29569}[outputs]
     return struct.pack(f"<HHI{outputs}H", magic, 400, count, *[pwm] * outputs)
@@ -107,6 +122,12 @@ def test_answers_have_the_published_fields_in_their_frames(bridge: Any) -> None:
         assert set(state) == {"timestamp", "imu", "position", "velocity", "quaternion"}
         assert set(state["imu"]) == {"gyro", "accel_body"}
         assert state["timestamp"] == pytest.approx(EXAMPLE["PERIOD"])
+        assert parsed(text.decode(), "", "timestamp", 1) == [state["timestamp"]]
+        for section, key, numbers in (
+            *(("imu", "gyro", 3), ("imu", "accel_body", 3)),
+            *(("", "position", 3), ("", "velocity", 3), ("", "quaternion", 4)),
+        ):
+            assert parsed(text.decode(), section, key, numbers) == (state[section] if section else state)[key]
         bearing = np.deg2rad(0.0 if k < 2 else 60.0)  # from east to the left
         hand = 0.0 if k < 2 else 1.0  # a scenario has a boat's position at a point ahead of its body
         east, north, up = place - hand * np.array([np.cos(bearing), np.sin(bearing), 0.0])
@@ -154,15 +175,83 @@ def test_each_frame_counts_once_and_what_is_none_not_at_all(bridge: Any) -> None
 
 
 def test_an_autopilot_that_starts_anew_starts_the_run_anew(bridge: Any) -> None:
-    pilots = Autopilots(bridge)
-    for count in (1, 2):
+    """From another port, or from its old one with a count that goes back; what others wait for stays."""
+    pilots, others = Autopilots(bridge), Autopilots(bridge)
+    for count in (400, 401):
         for k in range(3):
             pilots.send(k, frame_of(count))
         bridge.step()
-    others = Autopilots(bridge)
-    others.send(0, frame_of(1))
+    pilots.send(1, frame_of(402))
+    others.send(0, frame_of(0))
     assert bridge.session.time == 0.0
-    assert list(bridge.waiting) == [0]
+    assert set(bridge.waiting) == {0, 1}
+    pilots.send(0, frame_of(402))  # the old one is still there
+    others.send(2, frame_of(402))  # one on the wrong port
+    assert set(bridge.waiting) == {0, 1}
+    pilots.send(2, frame_of(402))
+    bridge.step()
+    assert json.loads(others.answer(0))["timestamp"] == pytest.approx(EXAMPLE["PERIOD"])
+    pilots.send(1, frame_of(0))  # as before, from its own port
+    assert bridge.session.time == 0.0
+    assert bridge.waiting.keys() == {1}
+
+
+def test_copters_stand_until_their_rotors_carry_them(bridge: Any) -> None:
+    """An autopilot that starts drives no output, 0, for a minute. A boat without a pulse goes nowhere."""
+    pilots = Autopilots(bridge)
+    begin = [body.copy() for body in (bridge.poses[0], bridge.poses[1])]
+    state: dict[str, Any] = {}
+    for count in range(121):
+        pilots.send(0, frame_of(count, 0))
+        pilots.send(1, frame_of(count, 0 if count < 20 else 1900))
+        pilots.send(2, frame_of(count, 0))
+        bridge.step()
+        pilots.answer(1)
+        pilots.answer(2)
+        state = json.loads(pilots.answer(0))
+    np.testing.assert_array_equal(bridge.poses[0], begin[0])
+    assert state["velocity"] == [0.0, 0.0, 0.0]
+    np.testing.assert_allclose(state["imu"]["accel_body"], [0.0, 0.0, -9.81], atol=1e-12)
+    assert bridge.poses[1][2] > begin[1][2] + 0.01
+    np.testing.assert_allclose(np.ptp(np.array(bridge.track)[:, 2, :2], axis=0), 0.0, atol=0.01)  # it settles
+
+
+def test_velocity_and_acceleration_are_those_of_the_position(bridge: Any) -> None:
+    """Of a boat that turns, too: it is steered at a point ahead of the body whose position is told."""
+    pilots, states = Autopilots(bridge), []
+    for count in range(201):
+        for k in range(3):
+            pwm = [1500] * 16
+            if k == 2:
+                pwm[0], pwm[2] = 1900, 1600
+            pilots.send(k, struct.pack("<HHI16H", 18458, 400, count, *pwm))
+        bridge.step()
+        states.append([json.loads(pilots.answer(k)) for k in range(3)])
+    for k in range(3):
+        position, velocity = (np.array([state[k][key] for state in states]) for key in ("position", "velocity"))
+        moved = np.diff(position, axis=0) / EXAMPLE["PERIOD"]
+        np.testing.assert_allclose(0.5 * (velocity[1:] + velocity[:-1])[100:, :2], moved[100:, :2], atol=2e-3)
+    assert np.linalg.norm(velocity[-1]) > 0.05
+
+
+def test_a_port_in_use_is_named() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        port = other.getsockname()[1]
+        with pytest.raises(OSError, match=f"port {port} on 127.0.0.1, that of D1: Address already in use"):
+            EXAMPLE["Bridge"](mjsheaf.load_scenario(EXAMPLE["SCENARIO"]), first_port=port)
+
+
+def test_targets_are_no_vehicles_of_an_autopilot() -> None:
+    target = {"id": "T", "position": [9, 9, 9], "motion": {"kind": "static"}}
+    scenario = mjsheaf.load_scenario(EXAMPLE["SCENARIO"] | {"targets": [target], "sensing": [["D1", "T"]]})
+    bridge = EXAMPLE["Bridge"](scenario, first_port=0)
+    pilots = Autopilots(bridge)
+    for k in range(3):
+        pilots.send(k, frame_of(0))
+    bridge.step()
+    assert len(json.loads(pilots.answer(2))["position"]) == 3
+    bridge.close()
 
 
 def test_a_silent_autopilot_is_named(bridge: Any) -> None:

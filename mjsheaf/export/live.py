@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import foxglove
@@ -21,6 +22,7 @@ from mjsheaf.live import PORT
 from mjsheaf.loop.system import Phase
 from mjsheaf.scenario import Scenario
 
+_FRAME = 0.03  # least simulated time between messages, s
 
 
 class Log(mcap.Log):
@@ -37,9 +39,8 @@ class Log(mcap.Log):
         super().__init__(path, scenario, phases, attachment)
         self.pace = pace
         self._server: WebSocketServer | None = None
-        self._first = -1  # time of the first sample, ns
-        self._sent = 0  # that of the last one that was sent, ns
-        self._begun = 0.0  # when the first was sent, s
+        self._sent = 0  # time of the last sample that was sent, ns
+        self._begun = math.nan  # when one at time 0 would have been sent, s
         self._shown = -math.inf  # when vehicles were, s
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
@@ -54,8 +55,8 @@ class Log(mcap.Log):
             "/vehicles": SceneUpdate,
             "/scene": SceneUpdate,
             "/log": LogMessage,
+            **{f"/{topic}": kind for topic, kind in self._kinds.items()},
         }
-        kinds |= {f"/{topic}": kind for topic, kind in self._kinds.items()}
         self._context = context = foxglove.Context()  # which does not outlive its last reference
         # Before the server: who connects while a channel is added may be told that there is none.
         self._channels = {
@@ -78,14 +79,12 @@ class Log(mcap.Log):
 
     def write_moment(self, moment: Moment) -> None:
         """Send a sample when its time has come."""
-        if self._first < 0:
-            self._first = moment.time
-            self._begun = time.monotonic()
-        elif moment.phase == self._phase and moment.time - self._sent < 3e7:  # 0.03 s between messages
+        if math.isnan(self._begun):
+            self._begun = time.monotonic() - moment.time / 1e9 / self.pace
+        elif moment.phase == self._phase and moment.time - self._sent < 1e9 * _FRAME:
             return
-        due = self._begun + (moment.time - self._first) / 1e9 / self.pace
-        time.sleep(max(0.0, due - time.monotonic()))
-        if time.monotonic() - self._shown >= 1.0:  # for those who have come since
+        time.sleep(max(0.0, self._begun + moment.time / 1e9 / self.pace - time.monotonic()))
+        if time.monotonic() - self._shown >= 1.0:  # again for those who have come since
             self._shown = time.monotonic()
             self.write_vehicles()
         self._sent = moment.time
@@ -103,4 +102,7 @@ class Log(mcap.Log):
             super().close()
         finally:
             if self._server is not None:
-                self._server.stop()
+                # It waits for a client that has connected and says nothing, as browsers do ahead of need: for ever.
+                stopping = Thread(target=self._server.stop, daemon=True)
+                stopping.start()
+                stopping.join(1.0)

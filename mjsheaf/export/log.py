@@ -4,7 +4,6 @@ Poses are exact, and times are to the nanosecond. Desired positions are rounded 
 initial size, so that files stay small.
 """
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -240,10 +239,10 @@ def require_installed(formats: Sequence[str]) -> list[Callable[..., Sink]]:
 
 
 def sinks_of(formats: Sequence[str], directory: Path, scenario: Scenario, phases: Sequence[Phase]) -> list[Sink]:
-    """Return the sinks that write a run's exports into its directory, which has scenario.yaml; 'live' writes none."""
+    """Return the sinks that write a run's exports into its directory, which has scenario.yaml."""
     source = directory / "scenario.yaml"
     kinds = zip(formats, require_installed(formats), strict=True)
-    return [kind(directory / FORMATS.get(name, os.devnull), scenario, phases, source) for name, kind in kinds]
+    return [kind(directory / FORMATS[name], scenario, phases, source) for name, kind in kinds]
 
 
 def export_run(directory: Path, format_name: str, out: Path | None = None) -> Path:
@@ -265,6 +264,5 @@ def export_run(directory: Path, format_name: str, out: Path | None = None) -> Pa
             raise InputError(f"{path}: holds {strange[0]!r}, which mjsheaf did not write; choose another with --out")
         part = stack.enter_context(whole_directory(path) if format_name == "ros2" else whole_file(path))
         sink = kind(part, scenario, scenario.phases, directory / "scenario.yaml")
-        pieces = split(dataset, length_of_piece(dataset))
-        send((piece.load() for piece in pieces), sink)
+        send((piece.load() for piece in split(dataset, length_of_piece(dataset))), sink)
     return path

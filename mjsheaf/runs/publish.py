@@ -5,10 +5,11 @@ In Python, `plot` and `replay` show a run without writing anything.
 
 import base64
 import html
+import os
 import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain, count
@@ -36,7 +37,7 @@ from mjsheaf.mujoco_import import mujoco
 from mjsheaf.page import bound_curves, page_of
 from mjsheaf.progress import shown
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
-from mjsheaf.results.dataset import fault_of
+from mjsheaf.results.dataset import fault_of, in_pieces
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
 from mjsheaf.runs.simulate import Progress, no_progress, stream
@@ -150,6 +151,16 @@ class Timings:
         return {name: (before or {}).get(name, 0.0) + now.get(name, 0.0) for name in (before or {}) | now}
 
 
+def show_live(pieces: Iterable[xr.Dataset], sink: store.Sink) -> Iterator[xr.Dataset]:
+    """Yield the pieces of a run, each once a sink has shown it."""
+    with closing(sink):
+        for number, piece in enumerate(pieces):
+            if number == 0:
+                sink.open(piece.variables, piece.attrs)
+            sink.write(piece)
+            yield piece
+
+
 def execute(
     scenario: Scenario,
     backend: str,
@@ -167,7 +178,8 @@ def execute(
 ) -> Outcome:
     """Run a scenario (see `simulate`) and publish its directory (see `publish`).
 
-    A run that blows up is published too, with status 'unstable'.
+    A run that blows up is published too, with status 'unstable'. With 'live' among the exports it is also shown while
+    it goes on, in short pieces, so that a slow run is not shown in leaps.
 
     Raises:
         InputError: The backend is unknown, or the scenario cannot be simulated. Nothing is written.
@@ -175,13 +187,20 @@ def execute(
         NotUniqueError: The harmonic extension is not unique and drift is not allowed. Nothing is written.
     """
     timings = Timings()
-    require_installed(exports)
+    kinds = dict(zip(exports, require_installed(exports), strict=True))
     with timings.part("checks"):
         phases = prepare_run(scenario, backend, engine, threads, allow_drift=allow_drift)
-    pieces = stream(phases, backend, scenario.seed, partial(progress, "simulating"), controller=controller)
+    # A run that is shown live comes in pieces of 0.1 s, which are joined before they are written.
+    short = max(1, round(0.1 / phases[0].system.grid.period)) if "live" in exports else None
+    pieces = timings.simulating(
+        stream(phases, backend, scenario.seed, partial(progress, "simulating"), short, controller=controller)
+    )
+    if "live" in exports:
+        sink = kinds["live"](Path(os.devnull), scenario, phases, Path(os.devnull))
+        pieces = in_pieces(show_live(pieces, sink), samples_in_piece(phases[0].system))
     return publish(
-        timings.simulating(pieces), scenario, phases, directory, video=video, origin=origin, figures=figures,
-        exports=exports, progress=progress, timings=timings,
+        pieces, scenario, phases, directory, video=video, origin=origin, figures=figures,
+        exports=[name for name in exports if name != "live"], progress=progress, timings=timings,
     )  # fmt: skip
 
 

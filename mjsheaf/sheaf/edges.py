@@ -248,7 +248,7 @@ def finite(x: Any, name: str, ends: Ends | None = None) -> Array:
     """An array of finite numbers, not a copy, or a SheafError that names it and, with one entry an edge, the edge."""
     try:
         array = np.asarray(x, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SheafError(f"{name}: not an array of numbers of equal row lengths") from None
     if not np.isfinite(array).all():
         known = ends is not None and array.ndim > 0 and len(array) == len(ends.tail)

@@ -21,7 +21,7 @@ two triangular solutions little is left to do.
 
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,7 +29,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
-from scipy.sparse import linalg as splinalg
 from scipy.sparse.linalg import eigsh
 
 from mjsheaf.arrays import Array, IntArray
@@ -50,7 +49,6 @@ from mjsheaf.sheaf.edges import (
 from mjsheaf.sheaf.sections import (
     DENSE_COLUMNS,
     RANK_TOLERANCE,
-    certified_sections,
     cokernel_basis,
     section_basis,
 )
@@ -723,7 +721,8 @@ class Sheaf(Cochains):
     def nearest_global_section(self, x: Cochain, *, offset: ArrayLike | None = None) -> Any:
         """Orthogonal projection of a 0-cochain on H^0, or on the states whose edges differ by an offset.
 
-        Those are the x with delta x = b or, where there is none, with the least |delta x - b|.
+        Those are the x with delta x = b or, where there is none, with the least |delta x - b|_K, as of the harmonic
+        extension.
 
         Args:
             x: 0-cochain; a mapping gives a mapping, a vector a vector.
@@ -731,19 +730,15 @@ class Sheaf(Cochains):
                 given.
 
         Raises:
-            SheafError: The offset has another shape, or is not finite.
+            SheafError: The offset has another shape, or is not finite; or as in `DirichletProblem.extend`.
         """
-        value, delta = self.pack(x), self.edges.delta
-        b = np.zeros(delta.shape[0]) if offset is None else np.asarray(offset, dtype=np.float64)
-        if b.shape != (delta.shape[0],) or not np.isfinite(b).all():
-            raise SheafError(f"offset has the shape {b.shape}; expected {delta.shape[0]} finite numbers")
-        found, left = certified_sections(self.edges, self.free([]), RANK_TOLERANCE)
-        section = np.zeros_like(value)
-        if left.any():
-            section, b = value.copy(), b - delta @ value
-        else:
-            for place, basis in found:
-                section[place] = basis @ (basis.T @ value[place])
+        value, edges = self.pack(x), self.edges
+        b = np.zeros(self.shape[0]) if offset is None else finite(offset, "offset")
+        if b.shape != (self.shape[0],):
+            raise SheafError(f"offset has shape {b.shape}; expected ({self.shape[0]},)")
+        N = section_basis(edges, self.free([]), RANK_TOLERANCE)
+        section = N @ (N.T @ value)
         if b.any():
-            section += splinalg.lsmr(delta, b, atol=1e-14, btol=1e-14, maxiter=10**6)[0]
+            bundles = [replace(own, offset=b[rows]) for own, rows in zip(edges.bundles, edges.rows, strict=True)]
+            section += DirichletProblem(self, EdgeSet(bundles, edges.column), []).extend(np.zeros(0))
         return self.unpack(section) if isinstance(x, Mapping) else section

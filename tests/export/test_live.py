@@ -5,15 +5,17 @@ import json
 import socket
 import subprocess
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+import xarray as xr
 from mcap.reader import make_reader
 
-from mjsheaf import load_scenario
+from mjsheaf import load_scenario, simulate
 from mjsheaf.export import live as served
 from tests.builders import REPOSITORY
 from tests.commands import call
@@ -83,6 +85,28 @@ def test_a_client_receives_the_messages_of_the_mcap_file(port: int, tmp_path: Pa
     assert times == sorted(times)
 
 
+def test_it_is_shown_in_short_pieces_and_its_files_are_those_of_a_run_without(
+    port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A slow law is seen as it goes on, not once a long piece of its run is there."""
+    samples: list[int] = []
+    write = served.Log.write
+
+    def noting(self: served.Log, chunk: xr.Dataset) -> None:
+        samples.append(chunk.sizes["time"])
+        write(self, chunk)
+
+    monkeypatch.setattr(served.Log, "write", noting)
+    for out, options in (("plain", []), ("live", ["--live"])):
+        command = ["run", "midpoint", "--backend", "ideal", "--set", "time.end=0.5", "--no-video", *options]
+        assert call(*command, "--out", tmp_path / out) == 0
+    period = load_scenario("midpoint").controller.control_period
+    assert sum(samples) == round(0.5 / period) + 1
+    assert max(samples) * period <= 0.1 + 1e-9
+    for name in ("result.nc", "scenario.yaml", "errors.png"):
+        assert (tmp_path / "live" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
+
+
 def test_a_port_that_is_taken_is_named(port: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", port))
@@ -91,6 +115,19 @@ def test_a_port_that_is_taken_is_named(port: int, tmp_path: Path, capsys: pytest
     assert code == 2
     assert f"port {port} on 127.0.0.1" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
+
+
+def test_a_client_that_says_nothing_does_not_hold_the_run(port: int, tmp_path: Path) -> None:
+    """Browsers open connections ahead of need, without a word."""
+    scenario = load_scenario("midpoint", {"time.end": 0.1})
+    sink = served.Log(tmp_path / "null", scenario, scenario.phases, tmp_path / "null", pace=1e9)
+    run = simulate(scenario, "ideal")
+    sink.open(run.variables, run.attrs)
+    with socket.create_connection(("127.0.0.1", port)):
+        sink.write(run)
+        begun = time.monotonic()
+        sink.close()
+        assert time.monotonic() - begun < 10.0
 
 
 @pytest.mark.slow

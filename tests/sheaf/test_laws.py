@@ -4,6 +4,8 @@ Oracles: the definitions, as dense matrices written block by block in `strategie
 fractions.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -167,19 +169,46 @@ def test_nearest_global_section_is_the_orthogonal_projection(spec: SheafSpec, se
 
 @given(sheaves(), st.integers(0, 2**31))
 def test_with_an_offset_it_is_the_projection_on_the_states_with_these_differences(spec: SheafSpec, seed: int) -> None:
+    """Where no state has them, on those of the least residual in the edges' inner products, as of the extension."""
     sheaf = spec.build()
     rng = np.random.default_rng(seed)
-    x, b = rng.standard_normal(spec.n), rng.standard_normal(sheaf.shape[0])
+    x, b, c = rng.standard_normal(spec.n), rng.standard_normal(sheaf.shape[0]), rng.standard_normal(spec.n)
     found = sheaf.nearest_global_section(x, offset=b)
-    tolerance = float(1e-7 * (1.0 + np.linalg.norm(found)) * (1.0 + np.linalg.norm(spec.delta, 2)) ** 2)
-    np.testing.assert_allclose(spec.delta.T @ (spec.delta @ found - b), 0.0, atol=tolerance)  # the least residual
-    np.testing.assert_allclose(sheaf.global_sections().T @ (x - found), 0.0, atol=1e-2 * tolerance)
+    weighted = spec.delta.T @ spec.K
+    tolerance = float(1e-12 * (1.0 + np.linalg.norm(found)) * (1.0 + np.linalg.norm(weighted @ spec.delta, 2)))
+    np.testing.assert_allclose(weighted @ (spec.delta @ found - b), 0.0, atol=tolerance)
+    np.testing.assert_allclose(sheaf.global_sections().T @ (x - found), 0.0, atol=tolerance)
+    moved = sheaf.nearest_global_section(x + c, offset=b + spec.delta @ c)
+    np.testing.assert_allclose(moved, found + c, atol=float(1e-9 * (1.0 + np.linalg.norm(found))))
+    np.testing.assert_allclose(sheaf.nearest_global_section(found, offset=b), found, atol=1e-9)
 
 
-@pytest.mark.parametrize("offset", [[0.0], [np.nan] * 4])
-def test_an_offset_that_does_not_fit_is_refused(offset: list[float]) -> None:
+def test_with_the_offsets_of_edges_it_has_the_energy_of_the_extension() -> None:
+    """Differences that add up to nothing, on edges that do not count alike."""
+    loop = Sheaf({"A": 1, "B": 1, "C": 1})
+    for (tail, head), weight in {("A", "B"): 1.0, ("B", "C"): 10.0, ("C", "A"): 100.0}.items():
+        loop.add_edge(tail, head, [[1.0]], [[1.0]], offset=[1.0], weight=[[weight]])
+    nearest = loop.nearest_global_section({"A": [5.0], "B": [0.0], "C": [1.0]}, offset=loop.offset())
+    assert sum(float(value[0]) for value in nearest.values()) == pytest.approx(6.0)
+    best = loop.harmonic_extension({"A": nearest["A"]})
+    for vertex, value in best.x.items():
+        np.testing.assert_allclose(nearest[vertex], value, atol=1e-12)
+    assert loop.dirichlet_energy(nearest) == pytest.approx(best.energy)
+
+
+@pytest.mark.parametrize(
+    ("offset", "message"),
+    [
+        ([0.0], r"offset has shape \(1,\); expected \(4,\)"),
+        (np.zeros((4, 1)), r"offset has shape \(4, 1\); expected \(4,\)"),
+        ([np.nan] * 4, "offset: an entry is not finite"),
+        ("north", "offset: not an array of numbers"),
+        ([10**400] * 4, "offset: not an array of numbers"),
+    ],
+)
+def test_an_offset_that_does_not_fit_is_refused(offset: Any, message: str) -> None:
     sheaf = Sheaf({"A": 2, "B": 2, "C": 2})
     sheaf.add_edge("A", "B", np.eye(2), np.eye(2))
     sheaf.add_edge("B", "C", np.eye(2), np.eye(2))
-    with pytest.raises(SheafError, match="expected 4 finite numbers"):
+    with pytest.raises(SheafError, match=message):
         sheaf.nearest_global_section(np.zeros(6), offset=offset)
