@@ -83,12 +83,18 @@ def plain(text: str) -> str:
 
 def settle(figure: Figure) -> None:
     """Fix where everything is, so that names can be placed; what is added later takes no more room."""
+    if figure.get_layout_engine() is not None:
+        lay_out(figure)
+        figure.set_layout_engine("none")
+
+
+def lay_out(figure: Figure) -> None:
+    """Give panels and legends their places, without drawing anything."""
     engine = figure.get_layout_engine()
     if engine is not None:
-        engine.execute(figure)  # without drawing anything
-        for axis in figure.axes:
-            axis.apply_aspect()
-        figure.set_layout_engine("none")
+        engine.execute(figure)
+    for axis in figure.axes:
+        axis.apply_aspect()
 
 
 def write_figure(figure: Figure, file: Path | IO[bytes], form: str) -> None:
@@ -655,8 +661,10 @@ def draw_trajectories(
             axis.set_title(f"from {name}", fontsize=HEADING, loc="right" if axis is side else "center")
         seen = _draw_in_space(corner, team, tracks, absent, inside, rounds, view)
         draw_obstacles(corner, obstacles, dataset["time"].values, seen)
-    settle(figure)
-    stretch = _fill_views(views, middle, size)  # the sizes of the panels determine the region that each shows
+    lay_out(figure)  # the sizes of the panels determine the region that each shows
+    _fill_views(views, middle, size)
+    settle(figure)  # with the tick labels of these limits
+    stretch = _fill_views(views, middle, size)
     if spatial and not 0.95 < stretch < 1.05:
         front.set_title(f"from the front, heights ×{stretch:.2g}", fontsize=HEADING)
     _name_members(above, team, dataset, tracks[:, :2, -1], tracks[:, :2, 0])
