@@ -201,9 +201,8 @@ _BLOCK = 1.0  # s, over which velocities are averaged
 _MAX_BLOCKS = 2000
 _MAX_MADE = 0.1  # of the commanded speed
 _MAX_GAIN = 0.02  # of the commanded speed, that an agent which is still under way gathers from block to block
-_MOSTLY = (
-    0.5  # of thrusters at a limit; and by how much a command differs from that which holds a hull against the wind
-)
+# Of thrusters at a limit; and by how much a command differs from that which holds a hull against the wind.
+_MOSTLY = 0.5
 
 
 @dataclass(frozen=True)

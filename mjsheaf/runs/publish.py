@@ -8,7 +8,7 @@ import html
 import os
 import shlex
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -151,9 +151,9 @@ class Timings:
         return {name: (before or {}).get(name, 0.0) + now.get(name, 0.0) for name in (before or {}) | now}
 
 
-def show_live(pieces: Iterable[xr.Dataset], sink: store.Sink) -> Iterator[xr.Dataset]:
-    """Yield the pieces of a run, each once a sink has shown it."""
-    with closing(sink):
+def show_live(pieces: Iterable[xr.Dataset], make_sink: Callable[[], store.Sink]) -> Generator[xr.Dataset]:
+    """Yield the pieces of a run, each once a sink, which is made when the first one is asked for, has shown it."""
+    with closing(make_sink()) as sink:
         for number, piece in enumerate(pieces):
             if number == 0:
                 sink.open(piece.variables, piece.attrs)
@@ -195,13 +195,16 @@ def execute(
     pieces = timings.simulating(
         stream(phases, backend, scenario.seed, partial(progress, "simulating"), short, controller=controller)
     )
-    if "live" in exports:
-        sink = kinds["live"](Path(os.devnull), scenario, phases, Path(os.devnull))
-        pieces = in_pieces(show_live(pieces, sink), samples_in_piece(phases[0].system))
-    return publish(
-        pieces, scenario, phases, directory, video=video, origin=origin, figures=figures,
-        exports=[name for name in exports if name != "live"], progress=progress, timings=timings,
-    )  # fmt: skip
+    with ExitStack() as held:
+        if "live" in exports:
+            nothing = Path(os.devnull)
+            seen = show_live(pieces, partial(kinds["live"], nothing, scenario, phases, nothing))
+            held.enter_context(closing(seen))  # also if files cannot be written
+            pieces = in_pieces(seen, samples_in_piece(phases[0].system))
+        return publish(
+            pieces, scenario, phases, directory, video=video, origin=origin, figures=figures,
+            exports=[name for name in exports if name != "live"], progress=progress, timings=timings,
+        )  # fmt: skip
 
 
 def publish(

@@ -383,7 +383,7 @@ class NonlinearSheaf:
         fitting = arrays.slope(z, arrays.measured(z))
         tolerance = FREE_MOTION * _largest(fitting)
         sizes = np.diff(arrays.first)
-        of_each = (np.split(blocks, np.cumsum(sizes**2)[:-1]) for blocks in (exact, exact - fitting))
+        of_each = (np.split(blocks, np.cumsum(sizes**2))[:-1] for blocks in (exact, exact - fitting))
         return [
             None if _largest(off) <= tolerance else block.reshape(m, m)
             for block, off, m in zip(*of_each, sizes.tolist(), strict=True)
