@@ -182,7 +182,7 @@ class Server:
                 with suppress(ValueError, RecursionError):
                     action = json.loads(message)
                 with self._changed:
-                    if isinstance(action, dict) and len(self._actions) < 100:
+                    if isinstance(action, dict) and len(self._actions) < 100:  # that wait for the run
                         self._actions.append(action)
                     self._changed.notify_all()
         # The server closes after a client has left, unless its page comes back: it may have been reloaded.

@@ -626,7 +626,7 @@ class StationarySolver:
         damping = _DAMPING
         start = x
         self._solve = None if free else self._solve
-        for iteration in range(200):
+        for iteration in range(200):  # steps of Gauss-Newton at most
             size = _largest(gradient)
             if size <= _CONVERGED * scale or damping > 1e6:
                 break
@@ -656,7 +656,11 @@ class StationarySolver:
             if _largest(step) <= _SMALLEST_STEP * extent:
                 break
         found = self._settled(x)
-        return found if found.converged else self._follow_law(start) or found
+        if not found.converged:
+            followed = self._follow_law(start)
+            if followed is not None:
+                return followed
+        return found
 
     def _form(self, matrix: sparse.sparray) -> sparse.csr_array | Array:
         """Return a matrix in the form in which those of this problem are."""
@@ -684,7 +688,7 @@ class StationarySolver:
         """
         z, gradient = self._at(x)
         shift = self._stiffest
-        for k in range(120):
+        for k in range(120):  # steps along the law at most
             exact = None if k % _TRIED else self._newton(x)
             if exact is not None:
                 return exact
@@ -706,14 +710,14 @@ class StationarySolver:
         z = first
         gradient = uphill
         start = x
-        for k in range(8):
+        for k in range(8):  # steps of Newton's method at most
             size = _largest(gradient)
             H = self._jacobian(z, self.arrays.desired)
             step = _factor_across(H, _DAMPING * _largest(H.diagonal()))(-gradient)
             if not _largest(step) <= _LONGEST * self._extent:
                 return None
             z, gradient = self._at(x + step)
-            falls = _largest(gradient) <= 0.25 * size
+            falls = _largest(gradient) <= 0.25 * size  # as where the method converges at once
             if not falls and not (k and size <= _SLOW * scale):
                 return None
             if falls:

@@ -386,7 +386,7 @@ class ConjugateGradients:
             size = _norm(r[:, k])
             self.iterations = 0
             self.residual = 1.0 if size else 0.0
-            for _ in range(6):
+            for _ in range(6):  # restarts, each on the true residual of the one before
                 if self.residual <= RESIDUAL:
                     break
                 step, iterations = conjugate_gradients(

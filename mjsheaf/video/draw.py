@@ -234,7 +234,7 @@ def _encode(part: Path, frames: Iterable[Callable[[], Any]], fps: float) -> int:
         for frame in frames:
             sent.append(encoder.submit(lambda finish: writer.append_data(np.asarray(finish())), frame))
             count += 1
-            wait(3)
+            wait(3)  # frames are drawn and not yet encoded at most
         wait(0)
     return count
 
