@@ -207,6 +207,15 @@ def test_positions_alone_are_a_linear_sheaf() -> None:
     assert found.energy == pytest.approx(wanted.energy)
 
 
+def test_a_sheaf_without_edges_pulls_nothing_and_has_no_misfits() -> None:
+    sheaf = NonlinearSheaf({"a": 2, "b": 3})
+    x = np.arange(5.0)
+    assert not sheaf.gradient(x).any()
+    assert not sheaf.gradient_jacobian(x).toarray().any()
+    assert sheaf.misfits(x) == []
+    assert sheaf.residuals(x[None]).shape == (1, 0)
+
+
 def test_coincident_vertices_pull_nothing() -> None:
     """There is no direction between them, and nothing is NaN."""
     for measures in ("range", "bearing"):
