@@ -460,7 +460,8 @@ def _read_part(
     x, y, plane = plane_of(data, part, asked.origin)
     axis = _time_axis(part)
     moving = () if axis is None else axis.dims
-    part, dims = _at_depth(part, asked.depth, medium, notes), (*moving, *y.dims, *x.dims)
+    part = _at_depth(part, asked.depth, medium, notes)
+    dims = (*moving, *y.dims, *x.dims)
     for dim in part.dims:
         if dim not in dims and part.sizes[dim] > 1:
             _refuse_axis(part, next((str(c) for c in part.coords if part[c].dims == (dim,)), str(dim)))

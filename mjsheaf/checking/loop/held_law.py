@@ -707,7 +707,7 @@ def _bounded(
     *,
     worth: float = 0.99,  # of the bound of the round before: more is not worth a round
     rounds: int = 12,
-    doublings: int = 24,  # of |e_0| or 1 mm, to radii that are tried where a field is unbounded
+    doublings: int = 23,  # of |e_0| or 1 mm, to radii that are tried where a field is unbounded
 ) -> Envelope:
     K, N, h, start = len(drive.left), len(system.team.agents), loop.period, certificate.constants.initial_error
     decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)
@@ -738,7 +738,7 @@ def _bounded(
     if np.isfinite(fastest):
         within = answer(np.full(K, np.sqrt(N) * fastest))[1]
     else:
-        for radius in max(start, 1e-3) * 2.0 ** np.arange(1, doublings):
+        for radius in max(start, 1e-3) * 2.0 ** np.arange(1, doublings + 1):
             trial = np.full(K, radius)
             if (answer(flow(trial))[1] < radius).all():
                 within = trial

@@ -154,7 +154,7 @@ class LinkedLaw:
     @cached_property
     def numbers(self) -> tuple[Array, Array, IntArray]:
         """The m numbers of all edges: D, shape (m, n), D^T K, shape (n, m), and the edge of each, shape (m,)."""
-        of = np.repeat(np.arange(len(self.edges)), [len(edge.D) for edge in self.edges])
+        of = np.repeat(np.arange(len(self.edges)), np.array([len(edge.D) for edge in self.edges], dtype=np.int64))
         D = np.zeros((len(of), len(self.vectors)))
         pull = np.zeros(D.T.shape)
         for e, edge in enumerate(self.edges):
@@ -658,7 +658,7 @@ def mean_error(law: LinkedLaw) -> Array:
     if links.lossy.any() and any(bias.any() for bias in links.bias):
         raise UndecidedError("measurements with a bias are lost")
     D, pull, _ = law.numbers
-    eta = pull @ np.concatenate(links.bias)
+    eta = pull @ np.concatenate([np.zeros(0), *links.bias])
     own_motion = np.full(len(vectors), terms.bias * law.loop.period)
     sensed_motion = law.sensed_pull @ D @ own_motion
     M, G, _ = law.loop.with_noise(0)

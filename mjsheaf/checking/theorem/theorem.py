@@ -35,6 +35,11 @@ from scipy.special import exprel
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 
+# The best rate is the supremum of those that satisfy a strict inequality; this share of it satisfies it.
+_BELOW_SUPREMUM = 1.0 - 1e-9
+# Radii at which rho is evaluated, and those taken off chi, are larger by this than computed.
+_OUTWARD = 1.0 + 1e-12
+
 
 class Rho:
     """A bound of the slope of the drift, 1/s, at a radius >= 0, m; infinite where nothing is known.
@@ -219,9 +224,6 @@ def theorem_1(
     rho: float | Rho,
     rate: float | None = None,
     initial_error: float | None = None,
-    *,
-    below: float = 1.0 - 1e-9,
-    outward: float = 1.0 + 1e-12,
 ) -> Theorem:
     """Evaluate Theorem 1.
 
@@ -234,8 +236,6 @@ def theorem_1(
             initial error in S: that gives the smallest ultimate set. Without an initial error S may be hardly larger
             than U.
         initial_error: |e_0| in m, for the choice of the rate alone.
-        below: Fraction of the best rate that is taken, which is the supremum of those that satisfy a strict inequality.
-        outward: Radii at which rho is evaluated, and those taken off chi, are larger by this factor than computed.
     """
     rho = as_rho(rho)
     k_min = 0.5 * gain * lambda_min
@@ -243,9 +243,9 @@ def theorem_1(
 
     def allowed(rate: float, start: float) -> float:
         """The rates up to this one satisfy k_min - rate > rho(s), s the largest radius that matters at `rate`."""
-        ultimate = math.sqrt(mu / rate) * outward
+        ultimate = math.sqrt(mu / rate) * _OUTWARD
         # Slopes over 2 r: the gain condition. Over |e_0| + r: chi reaches that far, which puts e_0 into S.
-        return (k_min - rho(max(2.0 * ultimate, start * outward + ultimate))) * below
+        return (k_min - rho(max(2.0 * ultimate, start * _OUTWARD + ultimate))) * _BELOW_SUPREMUM
 
     chosen = rate or 0.0
     if rate is None and mu < math.inf:
@@ -258,7 +258,7 @@ def theorem_1(
         )
     radius = math.sqrt(mu / chosen)
     chi = rho.reach(k_min - chosen) or 0.0
-    radius_S = chi if math.isinf(chi) else chi - radius * outward  # a tiny rate makes the radius infinite, too
+    radius_S = chi if math.isinf(chi) else chi - radius * _OUTWARD  # a tiny rate makes the radius infinite, too
     return Theorem(gain, lambda_min, f_bar, omega_bar, rho, k_min, chosen, True, mu, radius, chi, radius_S)
 
 
