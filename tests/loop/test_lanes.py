@@ -17,6 +17,7 @@ from mjsheaf.loop.system import on_engine
 from mjsheaf.scenario import load_scenario
 
 ARITHMETIC = re.compile(r"^\s+v?(?:add|sub|mul|div|sqrt|max|min|fn?m(?:add|sub)\d+)([ps]d)\s+(.*)$")
+LABEL = re.compile(r"^([^\s.#][^:]*):$")  # of a function
 CPU = Path("/proc/cpuinfo")
 
 
@@ -33,11 +34,15 @@ def test_most_operations_are_four_to_an_instruction() -> None:
     compiled = user_jit(alone)
     assert compiled(loop, motion, 16, new_log(0, scenario.system.law, actuators=0), np.full(18, NEVER))
     (text,) = compiled.inspect_asm().values()
-    operations = Counter[int]()
+    functions: dict[str, Counter[int]] = {}
+    name = ""
     for line in text.splitlines():
-        if found := ARITHMETIC.match(line):
+        if label := LABEL.match(line):
+            name = label[1]
+        elif found := ARITHMETIC.match(line):
             wide = 1 if found[1] == "sd" else 8 if "%zmm" in found[2] else 4 if "%ymm" in found[2] else 2
-            operations[wide] += wide
-    assert operations[4] + operations[8] > 2000
-    # How much is left to single lanes depends on the processor: 0.2 to 0.21 was found.
-    assert operations[4] + operations[8] >= 0.75 * sum(operations.values()), operations
+            functions.setdefault(name, Counter())[wide] += wide
+    # What rarely happens is compiled apart, for a vehicle at a time: it is in functions of its own, or in the step's.
+    operations = max(functions.values(), key=Counter.total)
+    assert operations[4] + operations[8] > 3500
+    assert operations[4] + operations[8] >= 0.8 * operations.total(), operations
