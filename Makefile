@@ -7,6 +7,7 @@ STAMP := $(VENV)/.installed
 TESTS := $(VENV)/.tests
 LOOPS := compiled-mujoco compiled-fused compiled-ideal
 DEMO := runs/paper-physics
+DEVELOPED := .[dev,docs]
 
 # uv where it is installed and finds the packages, otherwise pip; both take the tested versions. Python compiles modules
 # when it first loads them, so that installing need not. Where PYTHONDONTWRITEBYTECODE forbids that, as in many
@@ -18,18 +19,17 @@ install = { { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)
 
 .PHONY: demo bench test test-ci test-all lint compiled $(LOOPS) docs clean bundle check-bundle
 
-# EXTRAS='[dev,docs]' installs all that others below need, too, at once.
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
 	@echo "installing into $(VENV) (about a minute)"
 	@$(PYTHON) -m venv $(VENV)
-	@$(call install,.$(EXTRAS))
-	@touch $(STAMP) $(if $(EXTRAS),$(TESTS) $(VENV)/.docs)
+	@$(call install,.)
+	@touch $@
 
-# What tests need in addition: a browser's driver, a type checker, dask.
+# What tests and the site need in addition: a browser's driver, a type checker, dask, Sphinx.
 $(TESTS): $(STAMP)
-	@echo "installing what tests need into $(VENV) (about a minute)"
-	@$(call install,.[dev])
+	@echo "installing what tests and the site need into $(VENV) (about a minute)"
+	@$(call install,$(DEVELOPED))
 	@touch $@
 
 demo: $(STAMP)
@@ -53,7 +53,7 @@ lint: $(TESTS)
 	$(BIN)/python tools/budget.py
 
 # Machine code of the loops that many tests run, by one process a loop: workers that need the same wait for one another.
-$(LOOPS): compiled-%: $(TESTS)
+$(LOOPS): compiled-%: $(STAMP)
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compiled $*
 compiled: $(LOOPS)
 
@@ -61,7 +61,7 @@ compiled: $(LOOPS)
 # rewritten them, which takes a third of collecting.
 PYTEST = PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
 
-test: $(TESTS)
+test: $(STAMP)
 	@$(MAKE) --no-print-directory -j 2 --output-sync compiled lint
 	$(PYTEST) -m "not slow"
 
@@ -78,11 +78,7 @@ test-all: lint compiled
 	MJSHEAF_SEED=$(SEED) $(PYTEST) --hypothesis-profile all --hypothesis-seed $(SEED)
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
-$(VENV)/.docs: $(TESTS)
-	@$(call install,.[docs])
-	@touch $@
-
-docs: $(VENV)/.docs
+docs: $(TESTS)
 	$(BIN)/python -m sphinx -W --keep-going -b html docs build/docs
 	@echo "site    build/docs/index.html"
 

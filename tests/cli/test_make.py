@@ -49,7 +49,7 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     assert called.exists() != installed
     assert made.read_text().splitlines() == [
         "web/node_modules",
-        ".venv/.docs EXTRAS=[dev,docs]",
+        ".venv/.installed",
         "-j 2 --output-sync docs compiled-fused compiled-ideal lint compiled-mujoco check-bundle",
         "test-ci",
     ]
