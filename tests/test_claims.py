@@ -16,7 +16,6 @@ import yaml
 from mjsheaf import check, load_scenario, simulate
 from mjsheaf.results.metrics import summarize
 from mjsheaf.scenario.load import parse_override
-from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import QUADROTOR_PAIR, REPOSITORY, Simulated
 
@@ -185,7 +184,7 @@ def test_vehicles() -> None:
     for names, *shown, _ in rows("Vehicles"):
         for name in re.findall(r"`(\w+)`", names):
             vehicle = load_vehicle(name)
-            can, tau = capability_of(vehicle), vehicle.reduced_model().tau
+            can, tau = vehicle.capability, vehicle.reduced_model().tau
             for text, value in zip(shown, (vehicle.mass, can.forward_thrust, can.forward_speed, tau[0]), strict=True):
                 if text == "no limit":
                     assert value == float("inf"), name

@@ -12,7 +12,7 @@ import numpy as np
 import replays
 
 import mjsheaf
-from mjsheaf.vehicles.effects import authority_of, capability_of
+from mjsheaf.vehicles.effects import authority_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
 from mjsheaf.video.camera import View
@@ -35,7 +35,7 @@ def page(directory: Path) -> str:
 
 
 def _section(vehicle: Vehicle, directory: Path) -> str:
-    d, can, tau = vehicle.description, capability_of(vehicle), vehicle.reduced_model().tau
+    d, can, tau = vehicle.description, vehicle.capability, vehicle.reduced_model().tau
     rows = [
         ("mass", "kg", f"{vehicle.mass:g}"),
         ("thrusters", "", f"{len(vehicle.actuators)}"),
@@ -83,7 +83,7 @@ def _plot(vehicle: Vehicle, path: Path) -> None:
     left.plot(time, speed)
     left.axhline(_STEP, color="grey", linewidth=0.8)
     left.set(xlabel="time (s)", ylabel="forward speed (m/s)", title=f"command of {_STEP:g} m/s from rest")
-    fastest = capability_of(vehicle).forward_speed
+    fastest = vehicle.capability.forward_speed
     v = np.linspace(0.0, fastest if np.isfinite(fastest) else 10.0, 100)
     right.plot(vehicle.drag[0] * v + vehicle.quadratic_drag[0] * v**2, v)
     right.set(xlabel="forward thrust (N)", ylabel="steady forward speed (m/s)", title="thrust that drag takes")

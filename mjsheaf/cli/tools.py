@@ -83,7 +83,7 @@ def _list_vehicles(files: list[str]) -> None:
     summaries, slips = make_table("name", "moves in", "pushes", "", box=None), []
     for source in [*loading.list_vehicles(), *files]:
         vehicle = loading.load_vehicle(source)
-        tau, can = vehicle.reduced_model().tau, effects.capability_of(vehicle)
+        tau, can = vehicle.reduced_model().tau, vehicle.capability
         table.add_row(
             vehicle.name,
             f"{vehicle.mass:g}",

@@ -38,7 +38,6 @@ from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.ending import Ending
 from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.section import Finite, FiniteRecord
-from mjsheaf.vehicles.effects import capability_of
 from mjsheaf.vehicles.loading import list_vehicles
 
 MIN_DAMPING = 0.3
@@ -273,7 +272,7 @@ def demands_of(system: System, key: Literal["ideal", "all"], run: Run) -> list[D
     found = []
     for (role, name), members in vehicles_by_role(system).items():
         k, j = np.unravel_index(int(speed[:, members].argmax()), (len(chosen), len(members)))
-        v, able = members[int(j)], capability_of(system.vehicles[members[0]])
+        v, able = members[int(j)], system.vehicles[members[0]].capability
         found.append(
             DemandRecord(
                 run=key,
@@ -296,7 +295,7 @@ def fastest_vehicles(system: System) -> list[FastestRecord]:
     fastest: dict[Domain, FastestRecord] = {}
     for name in list_vehicles():
         vehicle = system.described_vehicle(name)
-        domain, speed = _DOMAIN[vehicle.dimension], capability_of(vehicle).least_speed
+        domain, speed = _DOMAIN[vehicle.dimension], vehicle.capability.least_speed
         if np.isfinite(speed) and (domain not in fastest or speed > fastest[domain].speed_m_s):
             fastest[domain] = FastestRecord(moves_in=domain, vehicle=name, speed_m_s=speed)
     return [fastest[domain] for domain in _DOMAIN.values() if domain in fastest]

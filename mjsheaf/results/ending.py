@@ -31,7 +31,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import thinned
-from mjsheaf.vehicles.effects import authority_of, capability_of, turning_of
+from mjsheaf.vehicles.effects import authority_of, turning_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -265,7 +265,7 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
     still = blocks.still & present[number[:-1]] & present[number[1:]]
     held = -system.drift_in_wind(np.zeros((still.shape[1], 3)))  # what an agent at rest is commanded in wind
     for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command
-        still[:, v] &= blocks.speed[:, v] < _MAX_MADE * capability_of(system.vehicles[v]).least_speed
+        still[:, v] &= blocks.speed[:, v] < _MAX_MADE * system.vehicles[v].capability.least_speed
         # Nor is it where the command holds it against the wind on its hull.
         beyond = np.linalg.norm(blocks.asked[:, v] - held[v], axis=1)
         still[:, v] &= (beyond > _MOSTLY * np.linalg.norm(held[v])) | (blocks.saturation[:, v] > _MOSTLY)
@@ -336,7 +336,7 @@ def _longest(system: System, blocks: _Blocks, still: BoolArray, v: int) -> Stuck
 def _reason(system: System, v: int, asked: float, flow: float, saturation: float) -> str:
     """Say why an agent does not move."""
     vehicle = system.vehicles[v]
-    able = capability_of(vehicle).least_speed
+    able = vehicle.capability.least_speed
     if flow > able:
         return f"the medium moves at {flow:.3g} m/s, and its vehicle makes {able:.3g} m/s"
     authority = authority_of(vehicle)

@@ -1,9 +1,6 @@
-"""Capabilities of a vehicle, directions in which it can push, and vehicles with effects switched off.
+"""Directions in which a vehicle can push, what it takes to hold station, and vehicles with effects switched off.
 
-An effect that is off shows what it costs.
-
-The capabilities are the thrust available in addition to carrying the weight, and the resulting speed. The less obvious
-effects are:
+An effect that is off shows what it costs. The less obvious effects are:
 
 - inertia: If off, mass, inertia and added mass shrink until m / D is `massless_tau`. Weight and drag stay the same. The
   autopilot is off, because it is no longer needed.
@@ -21,8 +18,8 @@ do not lack turning.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -31,53 +28,16 @@ from mjsheaf.arrays import Array
 from mjsheaf.section import Duration, Section
 from mjsheaf.vehicles.actuators import WEAK_SIDE, Thruster
 from mjsheaf.vehicles.steering import Full, ThrustVector
-from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle, kinds_of
+from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle, kinds_of, solve_drag
 
 SURGE, YAW = 0, 5
 _AROUND = np.radians(np.arange(-181.0, 182.0))  # headings, rad, a little more than once around
-
-
-@dataclass(frozen=True)
-class Capability:
-    """Capabilities of a level vehicle in steady motion; infinite if its thrusters have no limits.
-
-    Attributes:
-        forward_thrust: Maximum thrust along x in addition to the trim, N.
-        forward_speed: Maximum speed along x through the medium, m/s.
-        least_thrust: Maximum thrust in the weakest horizontal direction, N; the forward thrust of a boat at its hand
-            point, which turns first.
-        least_speed: Maximum speed through the medium in the slowest horizontal direction, m/s.
-        top_speed: Maximum speed through the medium in the fastest horizontal direction, m/s.
-    """
-
-    forward_thrust: float
-    forward_speed: float
-    least_thrust: float
-    least_speed: float
-    top_speed: float
-
-
-def capability_of(vehicle: Vehicle) -> Capability:
-    """Compute the thrust and speed of a vehicle."""
-    directions = vehicle.steering.directions
-    thrust = np.array([vehicle.steering.largest_force(vehicle, d) for d in directions])
-    speed = np.array([_speed(vehicle, d, F) for d, F in zip(directions, thrust, strict=True)])
-    return Capability(float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()), float(speed.max()))
 
 
 def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) -> Array:
     """Evaluate a measure of every vehicle, shape (V,), once for identical ones."""
     kinds, number = kinds_of(vehicles)
     return np.array([measure(vehicle) for vehicle in kinds])[number]
-
-
-def _speed(vehicle: Vehicle, direction: Array, thrust: float) -> float:
-    """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s."""
-    D = float(vehicle.drag[:2] @ direction**2)
-    Q = float(vehicle.quadratic_drag[:2] @ np.abs(direction) ** 3)
-    if not np.isfinite(thrust):
-        return float("inf")
-    return float(_solve_drag(D, Q, thrust))
 
 
 def is_one_sided(vehicle: Vehicle) -> bool:
@@ -117,7 +77,7 @@ def turning_of(vehicle: Vehicle, *, turned: float = 0.5, fast: float = 0.12) -> 
             A = np.column_stack([vehicle.W[[SURGE, YAW]], [-1.0, 0.0]])  # of the smallest surge that comes with it
             cost = np.append(np.zeros(vehicle.W.shape[1]), 1.0)
             prices.append(vehicle.solve_for_efforts(A, np.array([0.0, sign * moment]), cost) / moment)
-    speed = fast * capability_of(vehicle).forward_speed
+    speed = fast * vehicle.capability.forward_speed
     return Turning(max(prices, default=0.0), speed if np.isfinite(speed) else 0.0)
 
 
@@ -154,9 +114,9 @@ def hold_station(vehicle: Vehicle, heading: float, current: Array, wind: Array) 
     X, Y, N = -pushed
     G = vehicle.moving_mass * vehicle.rate
     D, Q = np.append(vehicle.drag[:2], vehicle.angular_drag[2]), vehicle.quadratic_drag[[0, 1, 5]]
-    ahead, port = _solve_drag(D[:2] + G[:2], Q[:2], np.array([X - G[0] * u, Y - G[1] * v]))
+    ahead, port = solve_drag(D[:2] + G[:2], Q[:2], np.array([X - G[0] * u, Y - G[1] * v]))
     if not vehicle.steering.attitude:
-        port = vehicle.steering.hand * _solve_drag(D[2] + G[5], Q[2], N) - v
+        port = vehicle.steering.hand * solve_drag(D[2] + G[5], Q[2], N) - v
     c, s = math.cos(heading), math.sin(heading)
     command = np.array([c * ahead - s * port, s * ahead + c * port])
     return heading, command, vehicle.allocation @ [X, Y, 0.0, 0.0, 0.0, N]
@@ -190,7 +150,7 @@ def largest_wind(
         if not vehicle.steering.attitude:
             (X, Y, N), _ = _push_at_station(vehicle, _AROUND, 0.0 * current, air)
             D, Q, A = vehicle.drag, vehicle.quadratic_drag, vehicle.added_mass
-            moment = N - (A[1] - A[0]) * _solve_drag(D[0], Q[0], X) * _solve_drag(D[1], Q[1], Y)
+            moment = N - (A[1] - A[0]) * solve_drag(D[0], Q[0], X) * solve_drag(D[1], Q[1], Y)
             efforts += [sign * np.abs(moment).max() * vehicle.allocation[:, 5] for sign in (1.0, -1.0)]
         shares = [_share_within(vehicle, 0.0 * effort, effort) for effort in efforts]
         return min(*shares, limit / max(float(np.linalg.norm(command)), 1e-9), 2.0) - 1.0
@@ -206,7 +166,7 @@ def leeway_of(vehicle: Vehicle, wind: Array) -> Array:
     The wind is relative to the water. Y (W - v)^2 = D v + Q v^2 has this root.
     """
     W, Y = float(np.linalg.norm(wind)), vehicle.windage[1]
-    speed = _solve_drag(vehicle.drag[1] + 2.0 * Y * W, vehicle.quadratic_drag[1] - Y, Y * W * W)
+    speed = solve_drag(vehicle.drag[1] + 2.0 * Y * W, vehicle.quadratic_drag[1] - Y, Y * W * W)
     return np.asarray(wind * speed / max(W, 1e-9))
 
 
@@ -221,11 +181,6 @@ def _push_at_station(vehicle: Vehicle, heading: Array, current: Array, wind: Arr
     ahead = (D[0] + Q[0] * np.abs(u)) * u + X * np.hypot(a, b) * a
     port = (D[1] + Q[1] * np.abs(v)) * v + Y * np.hypot(a, b) * b
     return np.array([ahead, port, N * a * b - (A[1] - A[0]) * u * v]), np.array([u, v])  # with the Munk moment
-
-
-def _solve_drag(D: Any, Q: Any, force: Any) -> Any:
-    """Solve D v + Q |v| v = F for v; written without a difference, because Q may be the rounding of a cosine."""
-    return 2.0 * force / (D + np.sqrt(D**2 + 4.0 * Q * np.abs(force)))
 
 
 class Effects(Section):

@@ -333,6 +333,26 @@ class VehicleDescription(Section):
 
 
 @dataclass(frozen=True)
+class Capability:
+    """Capabilities of a level vehicle in steady motion; infinite if its thrusters have no limits.
+
+    Attributes:
+        forward_thrust: Maximum thrust along x in addition to the trim, N.
+        forward_speed: Maximum speed along x through the medium, m/s.
+        least_thrust: Maximum thrust in the weakest horizontal direction, N; the forward thrust of a boat at its hand
+            point, which turns first.
+        least_speed: Maximum speed through the medium in the slowest horizontal direction, m/s.
+        top_speed: Maximum speed through the medium in the fastest horizontal direction, m/s.
+    """
+
+    forward_thrust: float
+    forward_speed: float
+    least_thrust: float
+    least_speed: float
+    top_speed: float
+
+
+@dataclass(frozen=True)
 class Vehicle(Body):
     """A vehicle, ready to be controlled: numbers from its MJCF file and its description.
 
@@ -369,6 +389,22 @@ class Vehicle(Body):
         commands = [a.command(effort) for a, effort in zip(self.actuators, efforts, strict=True)]
         return np.concatenate([np.zeros(0), *commands])
 
+    @cached_property
+    def capability(self) -> Capability:
+        """Thrust and speed of the level vehicle: a linear program for each of its steering's directions."""
+        directions = self.steering.directions
+        thrust = np.array([self.steering.largest_force(self, d) for d in directions])
+        speed = np.array([self._steady_speed(d, F) for d, F in zip(directions, thrust, strict=True)])
+        return Capability(
+            float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()), float(speed.max())
+        )
+
+    def _steady_speed(self, direction: Array, thrust: float) -> float:
+        """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s."""
+        D = float(self.drag[:2] @ direction**2)
+        Q = float(self.quadratic_drag[:2] @ np.abs(direction) ** 3)
+        return float(solve_drag(D, Q, thrust)) if np.isfinite(thrust) else float("inf")
+
     def reduced_model(self) -> "ReducedModel":
         """The paper's first-order model of this vehicle, q' = f + g u, valid if its time constants are small."""
         return ReducedModel(self)
@@ -391,6 +427,11 @@ class Vehicle(Body):
         if rate <= 0.0:
             raise InputError(f"{self.name} has a time constant of {own:.3g} s without its autopilot; tau must be below")
         return replace(self, rate=float(rate))
+
+
+def solve_drag(D: Any, Q: Any, force: Any) -> Any:
+    """Solve D v + Q |v| v = F for v; written without a difference, because Q may be the rounding of a cosine."""
+    return 2.0 * force / (D + np.sqrt(D**2 + 4.0 * Q * np.abs(force)))
 
 
 def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[Vehicle], IntArray]:

@@ -23,7 +23,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.linear import HeldPoint, linearise
 from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
-from mjsheaf.vehicles.effects import Effects, capability_of, embody, has_effects
+from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full, HandPoint
 from mjsheaf.vehicles.vehicle import Vehicle
@@ -99,11 +99,11 @@ def test_its_reduced_model() -> None:
 
 def test_what_it_can_push() -> None:
     """Ahead both in full. Abeam Y: half of it each, and +-x with 2 x 1.0271 = 2.3738 Y against the yaw."""
-    found = capability_of(load_vehicle(NAME))
+    found = load_vehicle(NAME).capability
     assert found.forward_thrust == pytest.approx(2 * PUSH, rel=1e-9)
     assert found.least_thrust == pytest.approx(PUSH / np.hypot(0.5, 2.3738 / 2 / 1.0271), rel=2e-3)
     free = embody(load_vehicle(NAME), Effects(limits=False))
-    assert capability_of(free).least_thrust == np.inf
+    assert free.capability.least_thrust == np.inf
 
 
 def test_what_effects_it_has() -> None:

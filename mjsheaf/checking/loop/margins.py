@@ -18,7 +18,6 @@ from mjsheaf.media.medium import mean_flow
 from mjsheaf.section import Finite, Record
 from mjsheaf.vehicles.effects import (
     authority_of,
-    capability_of,
     describe_consequences,
     largest_wind,
     may_lack,
@@ -165,7 +164,7 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
         return {}
     along = np.gradient(path.positions[:, N:], path.time, axis=0)
     flow = np.array([mean_flow(system.medium, v, 0.0, path.positions[:, v]) for v in range(N, N + len(held))])
-    able = [capability_of(vehicle) for vehicle in system.vehicles[N:]]
+    able = [vehicle.capability for vehicle in system.vehicles[N:]]
     top = np.array([max(one.forward_speed, one.least_speed) for one in able])
     taken = np.linalg.norm(np.where(np.isfinite(flow), along.transpose(1, 0, 2) - flow, 0.0), axis=2)
     late = path.time >= path.time[0] + 0.75 * (path.time[-1] - path.time[0])
@@ -194,8 +193,8 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
     """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
     agents = system.vehicles[: len(team.agents)]
-    able = of_each(agents, lambda vehicle: capability_of(vehicle).least_speed)
-    forward = of_each(agents, lambda vehicle: capability_of(vehicle).forward_speed)
+    able = of_each(agents, lambda vehicle: vehicle.capability.least_speed)
+    forward = of_each(agents, lambda vehicle: vehicle.capability.forward_speed)
     path = certificate.constants.path
     difference = certificate.constants.difference
     relative = difference.values + difference.shaken  # f_B + H^-1 B omega

@@ -69,7 +69,6 @@ from mjsheaf.media.medium import of_kind
 from mjsheaf.media.waves import Components
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 from mjsheaf.threads import one_thread
-from mjsheaf.vehicles.effects import capability_of
 
 MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
@@ -153,7 +152,7 @@ def steady_error(
         try:
             medium = medium_on_path(system, certificate.constants.path)
             vehicles = linear_vehicles(system, range(len(limit)), medium)
-            able = [capability_of(vehicle) for vehicle in system.vehicles[: len(limit)]]
+            able = [vehicle.capability for vehicle in system.vehicles[: len(limit)]]
             fastest = np.minimum(limit, [one.forward_speed for one in able])
             law = system.control_of_bodies.law  # whose feedforward leads by the time constants
             if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
@@ -464,7 +463,7 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
         variance += 2.0 * frozen.filter.output[0, 0, 0] ** 2 * (frozen.met > 0)
     found = {}
     for i, id in enumerate(system.team.agent_ids):
-        able = min(capability_of(system.vehicles[i]).least_speed, float(system.law.limit[i]))
+        able = min(system.vehicles[i].capability.least_speed, float(system.law.limit[i]))
         excess = float(np.linalg.norm(medium[i])) + 2.0 * float(np.sqrt(variance[i])) - able
         if excess > 0.0:
             found[id] = excess
