@@ -74,11 +74,12 @@ class Overlay:
             figure, self.rows, (self._left, top, self._inner, top - self._px(MARGIN) - bars), SIZE * self._options.unit
         )
         add_bars(figure, film.media, self._left, self._inner, options.unit)
-        canvas.draw()
-        self._whole = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         curve.set_visible(False)
         canvas.draw()
         self._bare = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
+        curve.set_visible(True)
+        curve.axes.draw_artist(curve)
+        self._whole = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         # The names of more agents would cover the picture.
         labelled = range(film.vehicles) if film.agents <= 24 else range(film.agents, film.vehicles)
         self._labels = {vehicle: bright(film.colours[film.group[vehicle]]) for vehicle in labelled}
