@@ -1,6 +1,7 @@
 """Whole runs and runs in pieces of a System or of phases, as tests take them; their errors; answers of `check`."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ def rms_error(data: xr.Dataset) -> Array:
 
 
 def analyse(
-    scenario: Scenario | str | Mapping[str, Any], changes: Mapping[str, Any] | None = None, **options: Any
+    scenario: Scenario | str | Path | Mapping[str, Any], changes: Mapping[str, Any] | None = None, **options: Any
 ) -> Any:
     """Return what `check` says of a scenario, of one that ships, or of fields, without a trial."""
     if not isinstance(scenario, Scenario):

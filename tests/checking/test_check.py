@@ -179,7 +179,7 @@ def test_bad_rate_and_radius() -> None:
         with pytest.raises(InputError):
             analyse(scenario, rate=rate, radius=radius)
     with pytest.raises(InputError):
-        analyse(scenario, rate="fast")  # type: ignore[arg-type]
+        analyse(scenario, rate="fast")
 
 
 def test_a_bound_is_not_claimed_beside_a_speed_limit_or_an_unstable_hold() -> None:
