@@ -2,13 +2,13 @@
 
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields, replace
-from functools import cache, partial
+from functools import cache, partial, reduce
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import jsonschema
@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 Pair = tuple[str, str]
 Simulated = Callable[..., xr.Dataset]
 Edit = Callable[[ElementTree.Element], None]
+T = TypeVar("T")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = REPOSITORY / "tests" / "data"
@@ -82,6 +83,25 @@ def validator_of(kind: type[BaseModel]) -> Any:
 def make_scenario(fields: dict[str, Any]) -> Scenario:
     """A scenario from a mapping, checked as a file would be."""
     return scenario_from_mapping({"name": "test", **fields})
+
+
+def list_members(places: Mapping[str, Any], **fields: Any) -> list[dict[str, Any]]:
+    """Return agents or targets of a file from positions, or fields, by id; `fields` are those of every one."""
+    given = {id: at if isinstance(at, dict) else {"position": at} for id, at in places.items()}
+    return [{"id": id, **fields, **own} for id, own in given.items()]
+
+
+def make_fields(
+    agents: Mapping[str, Any], targets: Mapping[str, Any], sensing: Sequence[Any], /, **fields: Any
+) -> dict[str, Any]:
+    """Return a scenario as a file gives it, of members as for `list_members`; fields replace fields."""
+    members = {"agents": list_members(agents), "targets": list_members(targets)}
+    return {"name": "test", **members, "sensing": [*sensing], **fields}
+
+
+def build_scenario(*members: Any, **fields: Any) -> Scenario:
+    """Return the scenario of `make_fields`."""
+    return make_scenario(make_fields(*members, **fields))
 
 
 def mixed_scenario(**fields: Any) -> Scenario:
@@ -658,10 +678,20 @@ def names(text: str, *named: object) -> bool:
     return all(re.search(rf"(?<!\w){re.escape(str(each))}(?!\w)", text) for each in named)
 
 
+def pick(record: Any, *paths: str) -> tuple[Any, ...]:
+    """Return what is in the fields of a record, as 'law.radius'."""
+    return tuple(reduce(lambda part, name: part[name], path.split("."), record) for path in paths)
+
+
+def known(value: T | None) -> T:
+    """Return what must be there."""
+    assert value is not None
+    return value
+
+
 def approx(value: float | None, rel: float | None = None, abs: float | None = None) -> Any:
     """As pytest's, of what must be there."""
-    assert value is not None
-    return pytest.approx(value, rel=rel, abs=abs)
+    return pytest.approx(known(value), rel=rel, abs=abs)
 
 
 def field_of(

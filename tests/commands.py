@@ -25,6 +25,9 @@ RUN_FILES = DATA_FILES | {"errors.png", "trajectories.png", "configurations.png"
 """What `mjsheaf run --no-video` writes."""
 
 
+Capture = pytest.CaptureFixture[str]
+
+
 class Answer(NamedTuple):
     """Answer of a command: exit code, stdout, stderr."""
 

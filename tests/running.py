@@ -1,12 +1,19 @@
-"""Whole runs and runs in pieces of a System or of phases, as tests take them."""
+"""Whole runs and runs in pieces of a System or of phases, as tests take them; their errors; answers of `check`."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+import xarray as xr
+
+import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.law.in_python import Controller, Law
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import Phase, System
+from mjsheaf.scenario import Scenario
 
 Run = System | Sequence[Phase]
 Progress = Callable[[int, int], None]
@@ -37,3 +44,30 @@ def stream_ideal(run: Run, samples: int, *, targets: Array | None = None) -> Ite
 def stream_physics(run: Run, samples: int, *, targets: Array | None = None) -> Iterator[Trajectory]:
     with engine_of(run) as engine:
         yield from engine.record(samples, targets)
+
+
+def ideal_errors(system: System) -> Array:
+    """Return e = q* - q of a run on ideal kinematics, stacked, shape (T, n_q), m."""
+    run = run_ideal(system)
+    assert run.status == "finished"
+    q, p = system.team.split(run.positions)
+    return system.team.dirichlet.extend(p) - q
+
+
+def team_error(data: xr.Dataset) -> Array:
+    """Return |e| of the agents that are present, at the samples of a run, shape (T,), m."""
+    return np.sqrt(np.nansum(data["tracking_error"].values ** 2, axis=1))
+
+
+def rms_error(data: xr.Dataset) -> Array:
+    """Return the RMS over agents of the tracking error at the samples of a run, shape (T,), m."""
+    return np.sqrt(np.nanmean(data["tracking_error"].values ** 2, axis=1))
+
+
+def analyse(
+    scenario: Scenario | str | Path | Mapping[str, Any], changes: Mapping[str, Any] | None = None, **options: Any
+) -> Any:
+    """Return what `check` says of a scenario, of one that ships, or of fields, without a trial."""
+    if not isinstance(scenario, Scenario):
+        scenario = mjsheaf.load_scenario(scenario, changes)
+    return mjsheaf.check(scenario, trial=False, **options)

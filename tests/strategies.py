@@ -9,8 +9,10 @@ import os
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -47,6 +49,16 @@ def cases(every: int, usual: int) -> range:
 def tried(every: int, usual: int) -> int:
     """Return the number of random cases of a long study: `every` one with the profile `all`, else the `usual` share."""
     return every if settings().max_examples >= settings.get_profile("all").max_examples else usual
+
+
+def slow(*values: Any) -> Any:
+    """Return parameters that are tried with the slow tests alone."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def long(*values: Any) -> Any:
+    """Return parameters that are tried in `make test-all` only."""
+    return pytest.param(*values, marks=pytest.mark.long)
 
 
 @dataclass(frozen=True)

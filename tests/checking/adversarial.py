@@ -49,29 +49,39 @@ def _turn(angle: float) -> Array:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def _agent_ids(raw: Raw) -> list[str]:
-    return [a["id"] for a in raw["agents"]]
+def _channel(centre: list[float], direction: list[float], beta: float, width: float, length: float) -> Raw:
+    return {"centre": centre, "direction": direction, "beta": beta, "width": width, "length": length}
+
+
+def _across(x: float, beta: float, width: float, length: float = 1e5) -> Raw:
+    """A jet along y that crosses the axis of x there."""
+    return _channel([x, 0.0], [0, 1], beta, width, length)
+
+
+def _lissajous(amplitude: list[float], rate: list[float], phase: list[float], **pull: float) -> Raw:
+    return {"kind": "lissajous", "amplitude": amplitude, "rate": rate, "phase": phase, **pull}
+
+
+def _slots(raw: Raw) -> NDArray[np.int64]:
+    """Places of the agents' coordinates among the rows of A."""
+    return np.concatenate([3 * i + np.arange(len(a["position"])) for i, a in enumerate(raw["agents"])])
 
 
 def _spectrum(raw: Raw) -> tuple[float, float]:
     """lambda_min and lambda_max of H."""
-    A, _ = stiffness(raw)
-    slots = np.concatenate([3 * i + np.arange(len(a["position"])) for i, a in enumerate(raw["agents"])])
+    A, slots = stiffness(raw)[0], _slots(raw)
     found = np.linalg.eigvalsh(A[np.ix_(slots, slots)])
     return float(found[0]), float(found[-1])
 
 
 def _start_settled(raw: Raw) -> None:
     """Put the agents where e = 0."""
-    A, c = stiffness(raw)
-    n = [len(m["position"]) for m in [*raw["agents"], *raw["targets"]]]
-    N = len(raw["agents"])
-    slots = np.concatenate([3 * i + np.arange(n[i]) for i in range(N)])
+    (A, c), slots, N = stiffness(raw), _slots(raw), len(raw["agents"])
     p = np.concatenate([[*t["position"], 0.0][:3] for t in raw["targets"]])
     q = np.zeros(3 * N)
     q[slots] = np.linalg.solve(A[np.ix_(slots, slots)], (c[: 3 * N] - A[: 3 * N, 3 * N :] @ p)[slots])
     for i, agent in enumerate(raw["agents"]):
-        agent["position"] = q[3 * i : 3 * i + n[i]].tolist()
+        agent["position"] = q[3 * i :][: len(agent["position"])].tolist()
 
 
 def steepest(flow: Raw | None) -> float:
@@ -165,13 +175,7 @@ def _one_on_one(rng: Rng, end: float, n: int = 2, record: float | None = None) -
 def _lane(rng: Rng, x: float, y: float, speed: float) -> Raw:
     """A fast lane along x that begins at (x, y)."""
     length = _between(rng, 3.0, 10.0)
-    return {
-        "centre": [x + float(rng.uniform(2.5, 3.2)) * length, y],
-        "direction": [1, 0],
-        "beta": speed,
-        "width": float(rng.uniform(0.3, 0.9)),
-        "length": length,
-    }
+    return _channel([x + float(rng.uniform(2.5, 3.2)) * length, y], [1, 0], speed, float(rng.uniform(0.3, 0.9)), length)
 
 
 # -- families: where the targets go --------------------------------------------------------------------------------
@@ -189,8 +193,7 @@ def drifting_across_jets(rng: Rng) -> Raw:
     jet = aside * U / (w * np.sqrt(2 * np.pi))
     x = float(rng.uniform(0.2, 0.7)) * U * end
     lane = _lane(rng, x, aside + 0.3 * float(rng.uniform(-1, 1)), float(rng.uniform(1.5, 4.0)) * (jet + U))
-    channels = [{"centre": [x, 0.0], "direction": [0, 1], "beta": jet, "width": w, "length": 1e5}, lane]
-    raw["flow"]["targets"] = {"dimension": 2, "drift": [U, 0.0], "channels": channels}
+    raw["flow"]["targets"] = {"dimension": 2, "drift": [U, 0.0], "channels": [_across(x, jet, w), lane]}
     _enlarge(rng, raw)
     _choose_gain(rng, raw, lane["beta"] / lane["length"] * _between(rng, 0.5, 3.0))
     return _rotate(rng, raw)
@@ -204,18 +207,15 @@ def swinging_across_jets(rng: Rng) -> Raw:
     A, rate, w = _between(rng, 15, 80), _between(rng, 0.05, 1.0), _between(rng, 0.1, 0.3)
     raw = _one_on_one(rng, np.pi / rate)
     raw["time"] = {"end": np.pi / rate * float(rng.uniform(0.8, 1.3))}
-    raw["targets"][0] |= {
-        "position": [-A, 0.0],
-        "motion": {"kind": "lissajous", "amplitude": [A, 0.0], "rate": [rate, 0.0], "phase": [-np.pi / 2, 0.0]},
-    }
+    motion = _lissajous([A, 0.0], [rate, 0.0], [-np.pi / 2, 0.0])
+    raw["targets"][0] |= {"position": [-A, 0.0], "motion": motion}
     raw["agents"][0]["position"] = [-A, 0.0]
     x = float(rng.uniform(-0.7, 0.2)) * A
     speed = rate * np.sqrt(A**2 - x**2)
     aside = float(rng.uniform(2.0, 5.0))
     jet = aside * speed / (w * np.sqrt(2 * np.pi))
     lane = _lane(rng, x, aside + 0.3 * float(rng.uniform(-1, 1)), float(rng.uniform(1.5, 4.0)) * (jet + speed))
-    channels = [{"centre": [x, 0.0], "direction": [0, 1], "beta": jet, "width": w, "length": 1e5}, lane]
-    raw["flow"]["targets"] = {"dimension": 2, "channels": channels}
+    raw["flow"]["targets"] = {"dimension": 2, "channels": [_across(x, jet, w), lane]}
     _enlarge(rng, raw)
     _choose_gain(rng, raw, lane["beta"] / lane["length"] * _between(rng, 0.5, 3.0))
     return raw
@@ -240,8 +240,7 @@ def gathering_across_jets(rng: Rng) -> Raw:
     lane = _lane(rng, 0.0, aside + 0.3 * float(rng.uniform(-1, 1)), -float(rng.uniform(1.5, 4.0)) * (jet + speed))
     lane["length"] = 0.07 * (x - 0.5 * D) + 1.0
     lane["centre"][0] = x - float(rng.uniform(2.5, 3.2)) * lane["length"]
-    channels = [{"centre": [x, 0.0], "direction": [0, 1], "beta": jet, "width": w, "length": 1e5}, lane]
-    raw["flow"] = {"targets": {"dimension": 2, "channels": channels}}
+    raw["flow"] = {"targets": {"dimension": 2, "channels": [_across(x, jet, w), lane]}}
     _start_settled(raw)
     _enlarge(rng, raw)
     _choose_gain(rng, raw, -lane["beta"] / lane["length"] * _between(rng, 0.3, 2.0))
@@ -323,26 +322,16 @@ def circling_a_tight_vortex(rng: Rng) -> Raw:
     raw = _one_on_one(rng, end)
     raw["targets"][0]["position"] = raw["agents"][0]["position"] = [r, 0.0]
     widen = float(rng.uniform(0.0, 3.0)) / end
+    x, beta = r + float(rng.uniform(0.5, 2.0)), rate * r * float(rng.uniform(0.2, 3.0))
     raw["flow"]["targets"] = {
         "dimension": 2,
         "core": core,
         "vortices": [{"centre": [0.0, 0.0], "gamma": rate * r**2}],
         "sources": [{"centre": [0.0, 0.0], "alpha": widen * r}],
-        "channels": [
-            {
-                "centre": [r + float(rng.uniform(0.5, 2.0)), 0.0],
-                "direction": [0, 1],
-                "beta": rate * r * float(rng.uniform(0.2, 3.0)),
-                "width": _between(rng, 0.1, 0.5),
-                "length": 2.0,
-            }
-        ],
+        "channels": [_across(x, beta, _between(rng, 0.1, 0.5), 2.0)],
     }
     if rng.random() < 0.5:
-        raw["flow"]["agents"] = {
-            "dimension": 2,
-            "channels": [{"centre": [r, 0.0], "direction": [1, 0], "beta": 1.0, "width": 1.0, "length": 3.0}],
-        }
+        raw["flow"]["agents"] = {"dimension": 2, "channels": [_channel([r, 0.0], [1, 0], 1.0, 1.0, 3.0)]}
     _enlarge(rng, raw)
     _choose_gain(rng, raw, rate * _between(rng, 0.3, 3.0))
     return _rotate(rng, raw)
@@ -381,7 +370,7 @@ def splitting_at_a_saddle(rng: Rng) -> Raw:
     raw = _one_on_one(rng, 60.0 / U)
     beside = float(rng.choice([-1, 1])) * _between(rng, 1e-5, 1e-2)
     raw["targets"][0]["position"] = raw["agents"][0]["position"] = [0.0, beside]
-    jet = {"centre": [20.0, 1.5], "direction": [1, 0], "beta": 10.0 * U, "width": 0.3, "length": 5.0}
+    jet = _channel([20.0, 1.5], [1, 0], 10.0 * U, 0.3, 5.0)
     raw["flow"]["targets"] = {
         "dimension": 2,
         "core": core,
@@ -407,13 +396,7 @@ def fast_lissajous(rng: Rng) -> Raw:
     rate = fastest * rng.uniform(0.3, 1.0, n)
     phase = rng.uniform(0, 6, n)
     pull = float(rng.choice([0.0, 1.0, 1e2, 1e3]))
-    raw["targets"][0]["motion"] = {
-        "kind": "lissajous",
-        "amplitude": amplitude.tolist(),
-        "rate": rate.tolist(),
-        "phase": phase.tolist(),
-        "pull": pull,
-    }
+    raw["targets"][0]["motion"] = _lissajous(amplitude.tolist(), rate.tolist(), phase.tolist(), pull=pull)
     flow: Raw = {
         "dimension": n,
         "core": _between(rng, 0.2, 1.0),
@@ -452,15 +435,9 @@ def sharp_corners(rng: Rng) -> Raw:
     middle = np.mean(points, axis=0)
     channels = []
     for _ in range(int(rng.integers(0, 4))):
-        channels.append(
-            {
-                "centre": (middle + rng.uniform(-10, 10, n)).tolist(),
-                "direction": rng.standard_normal(n).tolist(),
-                "beta": float(rng.uniform(0.5, 3.0)),
-                "width": _between(rng, 0.3, 3.0),
-                "length": _between(rng, 3.0, 30.0),
-            }
-        )
+        centre, direction = middle + rng.uniform(-10, 10, n), rng.standard_normal(n)
+        sizes = float(rng.uniform(0.5, 3.0)), _between(rng, 0.3, 3.0), _between(rng, 3.0, 30.0)
+        channels.append(_channel(centre.tolist(), direction.tolist(), *sizes))
     flow = {"dimension": n, "channels": channels}
     raw["flow"] = {"targets": flow, "agents": flow}
     _choose_gain(rng, raw, _between(rng, 0.5, 5.0), share=(0.5, 3.0))
@@ -479,9 +456,8 @@ def long_spans(rng: Rng) -> Raw:
     x = float(rng.uniform(0.2, 0.6)) * U * end
     aside = float(rng.uniform(3, 20))
     beta = aside * U / w
-    jet = {"centre": [x, 0.0], "direction": [0, 1], "beta": beta, "width": w, "length": 1e6}
     lane = _lane(rng, x, 2 * aside, 30.0 * U + 3.0 * beta)
-    raw["flow"]["targets"] = {"dimension": 2, "drift": [U, 0.0], "channels": [jet, lane]}
+    raw["flow"]["targets"] = {"dimension": 2, "drift": [U, 0.0], "channels": [_across(x, beta, w, 1e6), lane]}
     if fast:
         raw["disturbance"] = {"agents": {"bound": 0.01, "frequencies": [40.0, 60.0], "components": 2}}
     elif rng.random() < 0.5:
@@ -504,20 +480,8 @@ def _trap(rng: Rng, raw: Raw, x: float, kappa: float, speed: float) -> None:
     strength = kappa * float(rng.uniform(40, 120))
     high = flat / kappa * min(1.0, 2.0 * unit * kappa / speed) + 0.3 * unit * float(rng.uniform(0.8, 1.2))
     places = [(high, 0.12), (high + 1.4 * unit, 0.5), (high + 4.4 * unit, 0.9)]
-    raw["flow"]["agents"] = {
-        "dimension": 2,
-        "channels": [
-            {"centre": [x, 0.0], "direction": [0, 1], "beta": flat, "width": unit, "length": 1e6},
-            *(
-                {"centre": [x, y], "direction": [0, 1], "beta": strength, "width": unit, "length": length * unit}
-                for y, length in places[: int(rng.integers(2, 4))]
-            ),
-        ],
-    }
-
-
-def _set_gain(raw: Raw, kappa: float) -> None:
-    raw["controller"]["gain"] = kappa / _spectrum(raw)[0]
+    jets = [_channel([x, y], [0, 1], strength, unit, long * unit) for y, long in places[: int(rng.integers(2, 4))]]
+    raw["flow"]["agents"] = {"dimension": 2, "channels": [_across(x, flat, unit, 1e6), *jets]}
 
 
 def flung_between_records(rng: Rng) -> Raw:
@@ -532,13 +496,11 @@ def flung_between_records(rng: Rng) -> Raw:
     raw["time"] = {"end": 6 * period}
     phase = np.pi / 2 + np.arctan(rate / kappa)
     begin = A * float(np.sin(phase))
-    raw["targets"][0] |= {
-        "position": [begin, 0.0],
-        "motion": {"kind": "lissajous", "amplitude": [A, 0.0], "rate": [rate, 0.0], "phase": [float(phase), 0.0]},
-    }
+    motion = _lissajous([A, 0.0], [rate, 0.0], [float(phase), 0.0])
+    raw["targets"][0] |= {"position": [begin, 0.0], "motion": motion}
     raw["agents"][0]["position"] = [begin, 0.0]
     _trap(rng, raw, float(rng.uniform(-0.6, 0.6)) * A, kappa, rate * A)
-    _set_gain(raw, kappa)
+    raw["controller"]["gain"] = kappa / _spectrum(raw)[0]
     return raw
 
 
@@ -558,7 +520,7 @@ def flung_on_the_way(rng: Rng) -> Raw:
         _choose_gain(rng, raw, kappa, share=(1.05, 1.5))
         raw["controller"]["record_period"] = min(raw["controller"]["record_period"], raw["time"]["end"])
     else:
-        _set_gain(raw, kappa)
+        raw["controller"]["gain"] = kappa / _spectrum(raw)[0]
     return raw  # not turned: a box about a path along x is thin
 
 
@@ -573,35 +535,21 @@ def far_starts(rng: Rng) -> Raw:
     away = rng.standard_normal(n)
     away *= far / np.linalg.norm(away)
     raw["agents"][0]["position"] = away.tolist()
-    channels = [
-        {
-            "centre": (away * float(rng.uniform(0, 1))).tolist(),
-            "direction": rng.standard_normal(n).tolist(),
-            "beta": float(rng.uniform(0.5, 5.0)),
-            "width": _between(rng, 0.1, 1.0),
-            "length": _between(rng, 1.0, 1e3),
-        }
-        for _ in range(int(rng.integers(1, 4)))
-    ]
-    vortices = [
-        {
-            "centre": (away * float(rng.uniform(0, 1))).tolist(),
-            "gamma": float(rng.uniform(-1, 1)),
-            **({"axis": rng.standard_normal(3).tolist()} if n == 3 else {}),
-        }
-    ]
-    raw["flow"] = {
-        "agents": {"dimension": n, "core": _between(rng, 0.2, 1.0), "channels": channels, "vortices": vortices}
-    }
-    kappa = 2.2 * steepest(raw["flow"]["agents"])
+    channels = []
+    for _ in range(int(rng.integers(1, 4))):
+        centre, direction = away * float(rng.uniform(0, 1)), rng.standard_normal(n)
+        sizes = float(rng.uniform(0.5, 5.0)), _between(rng, 0.1, 1.0), _between(rng, 1.0, 1e3)
+        channels.append(_channel(centre.tolist(), direction.tolist(), *sizes))
+    vortex = {"centre": (away * float(rng.uniform(0, 1))).tolist(), "gamma": float(rng.uniform(-1, 1))}
+    if n == 3:
+        vortex["axis"] = rng.standard_normal(3).tolist()
+    flow = {"dimension": n, "core": _between(rng, 0.2, 1.0), "channels": channels, "vortices": [vortex]}
+    raw["flow"] = {"agents": flow}
+    kappa = 2.2 * steepest(flow)
     raw["time"] = {"end": 30.0 / kappa}
     raw["controller"]["record_period"] = 30.0 / kappa * float(rng.choice([0.003, 0.1, 0.5]))
-    raw["targets"][0]["motion"] = {
-        "kind": "lissajous",
-        "amplitude": rng.uniform(0, 2, n).tolist(),
-        "rate": (kappa * rng.uniform(0.05, 1.0, n)).tolist(),
-        "phase": rng.uniform(0, 6, n).tolist(),
-    }
+    amplitude, rate, phase = rng.uniform(0, 2, n), kappa * rng.uniform(0.05, 1.0, n), rng.uniform(0, 6, n)
+    raw["targets"][0]["motion"] = _lissajous(amplitude.tolist(), rate.tolist(), phase.tolist())
     _choose_gain(rng, raw, 0.1, share=(0.6, 3.0))
     return raw
 
@@ -630,14 +578,11 @@ def _network(
         return found
 
     raw = _frame_of(rng, 4.0)
-    raw["agents"] = [
-        {
-            "id": a,
-            "position": rng.uniform(-5, 5, n[a]).tolist(),
-            "frame": {k: float(rng.uniform(-180, 180)) for k in ("roll", "pitch", "yaw")},
-        }
-        for a in agents
-    ]
+    raw["agents"] = []
+    for a in agents:
+        place, frame = rng.uniform(-5, 5, n[a]), rng.uniform(-180, 180, 3)
+        angles = dict(zip(("roll", "pitch", "yaw"), frame.tolist(), strict=True))
+        raw["agents"].append({"id": a, "position": place.tolist(), "frame": angles})
     raw["targets"] = [{"id": t, "position": rng.uniform(-5, 5, n[t]).tolist()} for t in targets]
     raw["communication"] = [edge(agents[i], agents[int(rng.integers(i))]) for i in range(1, N)]
     raw["communication"] += [edge(a, b) for a in agents for b in agents if a < b and rng.random() < 0.2]
@@ -654,13 +599,9 @@ def _network(
 def _moving(rng: Rng, raw: Raw, fastest: float) -> None:
     for target in raw["targets"]:
         n = len(target["position"])
-        target["motion"] = {
-            "kind": "lissajous",
-            "amplitude": rng.uniform(0, 2, n).tolist(),
-            "rate": (fastest * rng.uniform(0.05, 1.0, n)).tolist(),
-            "phase": rng.uniform(0, 6, n).tolist(),
-            "pull": float(rng.choice([0.0, 0.5, 50.0])),
-        }
+        amplitude, rate, phase = rng.uniform(0, 2, n), fastest * rng.uniform(0.05, 1.0, n), rng.uniform(0, 6, n)
+        pull = float(rng.choice([0.0, 0.5, 50.0]))
+        target["motion"] = _lissajous(amplitude.tolist(), rate.tolist(), phase.tolist(), pull=pull)
 
 
 def unlike_weights(rng: Rng) -> Raw:
@@ -675,10 +616,7 @@ def unlike_weights(rng: Rng) -> Raw:
         target["motion"]["pull"] = 0.0
     raw["target_formation"] = {"gain": _between(rng, 0.01, 1.0) / spread}
     if rng.random() < 0.5:
-        raw["flow"]["agents"] = {
-            "dimension": 2,
-            "channels": [{"centre": [0, 0], "direction": [1, 1], "beta": 0.5, "width": 1.5, "length": 4.0}],
-        }
+        raw["flow"]["agents"] = {"dimension": 2, "channels": [_channel([0, 0], [1, 1], 0.5, 1.5, 4.0)]}
     if rng.random() < 0.5:
         _start_settled(raw)
     _choose_gain(rng, raw, _between(rng, 1.0, 10.0))
@@ -790,6 +728,16 @@ def reported_cases(rng: Rng) -> Raw:
     return raw
 
 
+def _pair(end: float, gain: float, period: float = 0, record: float = 0.01) -> Raw:
+    return {
+        "time": {"end": end},
+        "controller": {"gain": gain, "control_period": period, "record_period": record},
+        "agents": [{"id": "A1", "position": [0.0, 0.0]}],
+        "targets": [{"id": "T1", "position": [0.0, 0.0]}],
+        "sensing": [["A1", "T1"]],
+    }
+
+
 def _stiff() -> Raw:
     return {
         "time": {"end": 2},
@@ -804,50 +752,19 @@ def _stiff() -> Raw:
 
 def _records(period: float) -> Raw:
     x, phase = 4.9394335096009065, 1.7266028267644382
-    rate = 0.6283185307179586
-    return {
-        "time": {"end": 60},
-        "controller": {"gain": 4, "control_period": 0, "record_period": period},
-        "agents": [{"id": "A1", "position": [x, 0]}],
-        "targets": [
-            {
-                "id": "T1",
-                "position": [x, 0],
-                "motion": {"kind": "lissajous", "amplitude": [5, 0], "rate": [rate, 0], "phase": [phase, 0]},
-            }
-        ],
-        "sensing": [["A1", "T1"]],
-        "flow": {
-            "agents": {
-                "dimension": 2,
-                "channels": [
-                    {"centre": [-2, 0], "direction": [0, 1], "beta": 2, "width": 1, "length": 1.0e6},
-                    {"centre": [-2, 0.8], "direction": [0, 1], "beta": 200, "width": 1, "length": 0.12},
-                    {"centre": [-2, 2.2], "direction": [0, 1], "beta": 200, "width": 1, "length": 0.5},
-                ],
-            }
-        },
-    }
-
-
-def _pair(end: float, gain: float, period: float = 0, record: float = 0.01) -> Raw:
-    return {
-        "time": {"end": end},
-        "controller": {"gain": gain, "control_period": period, "record_period": record},
-        "agents": [{"id": "A1", "position": [0.0, 0.0]}],
-        "targets": [{"id": "T1", "position": [0.0, 0.0]}],
-        "sensing": [["A1", "T1"]],
-    }
+    raw = _pair(60, 4, record=period)
+    raw["agents"][0]["position"] = [x, 0]
+    raw["targets"][0] |= {"position": [x, 0], "motion": _lissajous([5, 0], [0.6283185307179586, 0], [phase, 0])}
+    jets = [(0, 2, 1.0e6), (0.8, 200, 0.12), (2.2, 200, 0.5)]
+    channels = [_channel([-2, y], [0, 1], beta, 1, length) for y, beta, length in jets]
+    return {**raw, "flow": {"agents": {"dimension": 2, "channels": channels}}}
 
 
 def _jets() -> Raw:
-    jet = {"beta": 2.1769816073801875, "width": 0.7385330151472779, "length": 1.0e5}
-    lane = {"beta": 9.239669611007042, "width": 0.5447501259444556, "length": 7.297914759997795}
-    channels = [
-        {"centre": [16.749147005160673, 0], "direction": [0, 1], **jet},
-        {"centre": [36.74914700516067, 3.934966245565401], "direction": [1, 0], **lane},
-    ]
-    flow = {"targets": {"dimension": 2, "drift": [1, 0], "channels": channels}}
+    jet = _channel([16.749147005160673, 0], [0, 1], 2.1769816073801875, 0.7385330151472779, 1.0e5)
+    centre = [36.74914700516067, 3.934966245565401]
+    lane = _channel(centre, [1, 0], 9.239669611007042, 0.5447501259444556, 7.297914759997795)
+    flow = {"targets": {"dimension": 2, "drift": [1, 0], "channels": [jet, lane]}}
     return {**_pair(120, 1.4765173430324394, record=0.05), "flow": flow}
 
 
@@ -869,8 +786,7 @@ def _targets_hold() -> Raw:
 
 
 def _frozen_target() -> Raw:
-    channel = {"centre": [60, 0], "direction": [0, 1], "beta": 50, "width": 5, "length": 1.0e6}
-    flow = {"targets": {"dimension": 2, "drift": [0.01, 0], "channels": [channel]}}
+    flow = {"targets": {"dimension": 2, "drift": [0.01, 0], "channels": [_across(60, 50, 5, 1.0e6)]}}
     return {**_pair(12000, 1.0, record=1.0), "flow": flow, "disturbance": {"agents": {"bound": 0.01}}}
 
 
@@ -888,46 +804,19 @@ def _target_sink() -> Raw:
     return {**raw, "flow": {"targets": flow}}
 
 
-REPORTED: dict[int, Callable[[], Raw]] = dict(
-    enumerate(
-        [
-            _stiff,
-            lambda: _records(10.0),
-            lambda: _records(0.01),
-            _jets,
-            _singular_guess,
-            _targets_hold,
-            _frozen_target,
-            _tiny_position,
-            _target_sink,
-        ]
-    )
+REPORTED: tuple[Callable[[], Raw], ...] = (
+    _stiff,
+    lambda: _records(10.0),
+    lambda: _records(0.01),
+    *(_jets, _singular_guess, _targets_hold, _frozen_target, _tiny_position, _target_sink),
 )
 """Findings of the first attack: stiff targets, records (coarse, fine), jets, a sink in the agents' way, held
 targets, a span too long to follow, a start at 1e-16 m, a sink beside a target."""
 
-FAMILIES: dict[str, Callable[[Rng], Raw]] = {
-    f.__name__: f
-    for f in (
-        drifting_across_jets,
-        swinging_across_jets,
-        gathering_across_jets,
-        gathering_at_once,
-        circling_in_step,
-        circling_a_tight_vortex,
-        past_small_cores,
-        splitting_at_a_saddle,
-        fast_lissajous,
-        sharp_corners,
-        long_spans,
-        flung_between_records,
-        flung_on_the_way,
-        far_starts,
-        unlike_weights,
-        unlike_frames,
-        limited_speed,
-        held_targets,
-        beside_singularities,
-        reported_cases,
-    )
-}
+_FAMILIES = (
+    drifting_across_jets, swinging_across_jets, gathering_across_jets, gathering_at_once, circling_in_step,
+    circling_a_tight_vortex, past_small_cores, splitting_at_a_saddle, fast_lissajous, sharp_corners, long_spans,
+    flung_between_records, flung_on_the_way, far_starts, unlike_weights, unlike_frames, limited_speed, held_targets,
+    beside_singularities, reported_cases,
+)  # fmt: skip
+FAMILIES: dict[str, Callable[[Rng], Raw]] = {family.__name__: family for family in _FAMILIES}

@@ -19,7 +19,6 @@ from scipy.signal import lfilter, ss2tf
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import residual_polynomial
 from mjsheaf.law.terms import TermArrays
-from mjsheaf.loop.linear import LinearVehicle
 
 
 @dataclass(frozen=True)
@@ -103,26 +102,3 @@ class DerivedLaw:
         ask = self.matrices[2][one, : len(push)]
         above, below = ss2tf(self.own[one], push, ask[None], [[1.0]])
         return np.asarray(lfilter(above[0], below, added))
-
-    def joined(self, plant: LinearVehicle) -> Array:
-        """The loop of one vehicle per eigenvalue, on (p, x, s, z) with p for -e, n numbers each, shape (L, m, m)."""
-        terms = self.terms
-        n, m, k = plant.D.shape[0], len(plant.A), len(self.values)
-        newton, integral = bool(terms.newton), terms.integral > 0.0
-        alpha, eye = self.alpha[:, None, None], np.eye(n)
-        found = np.zeros((k, n + m + n * (newton + integral), n + m + n * (newton + integral)))
-        found[:, :n, :n], found[:, :n, n : n + m] = eye, plant.C
-        found[:, n : n + m, n : n + m] = plant.A
-        p, at = slice(0, n), n + m
-        push = np.vstack([plant.D, plant.B])
-        found[:, :at, p] -= self.gain * alpha * push
-        if newton:
-            s = slice(at, at + n)
-            found[:, : n + m, s] = -self.gain * self.c[:, None, None] * push
-            found[:, s, p], found[:, s, s] = alpha * eye, self.c[:, None, None] * eye
-            at += n
-        if integral:
-            z = slice(at, at + n)
-            found[:, : n + m, z] = -terms.integral * push
-            found[:, z, p], found[:, z, z] = self.period * self.values[:, None, None] * eye, eye
-        return found

@@ -426,21 +426,12 @@ def stiffness(raw: dict[str, Any]) -> tuple[Array, Array]:
                 for v, F, sign in ((i, F_i, 1.0), (j, F_j, -1.0)):
                     if members[v]["id"] in known:
                         b = b + sign * F @ known[members[v]["id"]]
-            _add(
-                A,
-                c,
-                delta,
-                np.array(b, dtype=float),
-                edge.get("weight"),
-                slice(3 * N, None) if i >= N else slice(3 * N),
-            )
+            rows = slice(3 * N, None) if i >= N else slice(3 * N)
+            _add(A, c, delta, np.array(b, dtype=float), edge.get("weight"), rows)
     for anchor in raw.get("anchors", []):
         i = index[anchor["agent"]]
-        F = (
-            np.array(anchor["map"])
-            if "map" in anchor
-            else np.eye(3)[["xyz".index(a) for a in anchor["axes"]]][:, : n[i]]
-        )
+        axes = np.eye(3)[["xyz".index(a) for a in anchor.get("axes", "")]][:, : n[i]]
+        F = np.array(anchor["map"]) if "map" in anchor else axes
         delta = np.zeros((len(F), size))
         delta[:, 3 * i : 3 * i + n[i]] = F
         _add(A, c, delta, np.array(anchor["value"], dtype=float), anchor.get("weight"), slice(3 * N))

@@ -1,61 +1,60 @@
 """The loop of the vehicles against simulation.
 
-Oracle: the gain at which a disturbance of a simulated team begins to grow (see `growth`), which knows nothing of the
-linearisation; and the two ways of closing the loop against each other.
+Oracle: the gain at which a disturbance of a simulated team begins to grow (see `tests.oracles.linearised_run`), which
+knows nothing of the linearisation; and the two ways of closing the loop against each other.
 """
 
+import itertools
 import json
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import mjsheaf
 from mjsheaf.checking.loop import body_loop as bodies
 from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop, mean_medium
 from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
 from tests import builders
-from tests.builders import QUADROTOR_PAIR
-from tests.checking.growth import growth_rate, growth_rate_with_terms
-from tests.commands import call
+from tests.builders import QUADROTOR_PAIR, known, make_fields, make_scenario
+from tests.commands import Capture, call
+from tests.oracles.linearised_run import radii_in_a_medium, spectral_radius
+from tests.running import analyse
 from tests.strategies import tried
 
 RAFT = str(builders.RAFT)
 PLANAR = {"wamv", "otter", "hull", RAFT}
+TERMS_OF_A_LAW = {"newton", "integral", "feedforward", "drift"}
+SETTLING = 150.0  # s
 WITHIN = 0.03  # of the largest gain: where a simulation must have begun to grow; 5 % is what is promised
 
 
 def chain(
-    vehicles: list[str], drift: list[float] | None = None, period: float = 0.02, **changes: Any
+    vehicles: list[str], drift: list[float] | None = None, period: float = 0.02, headings: Any = (), **terms: Any
 ) -> dict[str, Any]:
-    """A chain of vehicles, both ends of which see a static target, in a uniform flow."""
-    ideal = bool({"hull", "aerial", "submersible"} & set(vehicles))
-    found: dict[str, Any] = {
-        "name": "chain",
-        "time": {"end": 60},
-        "controller": {"gain": 0.2, "control_period": period},
-        "agents": [
-            {"id": f"A{i}", "position": [12.0 * i, 3.0 * (i % 2)] + [10.0] * (name not in PLANAR), "vehicle": name}
-            for i, name in enumerate(vehicles)
-        ],
-        "targets": [{"id": "T", "position": [3.0, 1.0, 12.0], "motion": {"kind": "static"}}],
-        "communication": [[f"A{i}", f"A{i + 1}"] for i in range(len(vehicles) - 1)],
-        "sensing": [["A0", "T"], [f"A{len(vehicles) - 1}", "T"]],
-        "physics": {"timestep": 0.002 if ideal else 0.005},
+    """A chain of vehicles, both ends of which see a static target, in a uniform flow, under a law with terms."""
+    planar, timestep = set(vehicles) <= PLANAR, 0.002 if {"hull", "aerial", "submersible"} & set(vehicles) else 0.005
+    agents: dict[str, dict[str, Any]] = {
+        f"A{i}": {"position": [12.0 * i, 3.0 * (i % 2)] + [10.0] * (name not in PLANAR), "vehicle": name}
+        for i, name in enumerate(vehicles)
     }
-    if set(vehicles) <= PLANAR:
-        found["targets"][0]["position"] = [3.0, 1.0]
-    for agent, heading in zip(found["agents"], changes.pop("headings", []), strict=False):
+    for agent, heading in zip(agents.values(), headings, strict=False):
         agent["heading"] = heading
+    target = {"position": [3.0, 1.0] if planar else [3.0, 1.0, 12.0], "motion": {"kind": "static"}}
+    found = make_fields(
+        agents,
+        {"T": target},
+        [["A0", "T"], [[*agents][-1], "T"]],
+        time={"end": 60},
+        controller={"gain": 0.2, "control_period": period, **({} if period else {"record_period": timestep}), **terms},
+        communication=[list(pair) for pair in itertools.pairwise(agents)],
+        physics={"timestep": timestep},
+    )
     if drift is not None:
         found["flow"] = {"agents": {"dimension": len(drift), "drift": drift}, "targets": {"dimension": len(drift)}}
-    if period == 0.0:
-        found["controller"]["record_period"] = found["physics"]["timestep"]
     return found
 
 
@@ -71,31 +70,27 @@ def system_of(scenario: dict[str, Any], gain: float | None = None) -> System:
     return scenario_from_mapping({**scenario, "controller": controller}).system
 
 
-def hold_against_simulation(
-    scenario: dict[str, Any], drift: list[float] | None = None, growth: Callable[..., float] = growth_rate
-) -> None:
-    """The largest gain is where a simulated disturbance ceases to decay, and the loop there is marginal."""
+def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None = None) -> None:
+    """The largest gain is where disturbances of a run on bodies cease to decay, and the loop there is marginal."""
     loop = loop_of(scenario, drift=drift)
     assert loop.stable is True
-    largest = loop.largest_gain
-    assert largest is not None
-    marginal = loop_of(scenario, largest, drift).least_damped
-    assert marginal is not None
-    assert abs(marginal.damping) < 0.01
-    settling = {**scenario, "controller": {**scenario["controller"], "gain": 0.3 * largest}}
-    span = max(60 * 2 * np.pi / marginal.frequency, 10.0)
-    assert growth(settling, (1.0 - WITHIN) * largest, settle=150.0, span=span) < 0.0
-    assert growth(settling, (1.0 + WITHIN) * largest, settle=150.0, span=span) > 0.0
-
-
-@pytest.mark.long
-def test_two_quadrotors_swing_up_where_check_says() -> None:
-    coarse = {"controller": {"gain": 1.0, "control_period": 0.01}, "physics": {"timestep": 0.005}}
-    hold_against_simulation({**QUADROTOR_PAIR, **coarse})
+    largest = known(loop.largest_gain)
+    assert abs(known(loop_of(scenario, largest, drift).least_damped).damping) < 0.01
+    law = scenario["controller"]
+    law = law | {"control_period": law["control_period"] or scenario["physics"]["timestep"]}  # continuous: at each step
+    settled, below, above = (
+        make_scenario(scenario | {"controller": law | {"gain": share * largest}})
+        for share in (0.3, 1.0 - WITHIN, 1.0 + WITHIN)
+    )
+    if law.keys() & TERMS_OF_A_LAW or "links" in scenario:
+        radii = [spectral_radius(settled, "physics", SETTLING, changed) for changed in (below, above)]
+    else:
+        radii = radii_in_a_medium(settled, [below.system.gain, above.system.gain], SETTLING)
+    assert radii[0] < 1.0 < radii[1]
 
 
 @pytest.mark.slow
-def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_refuses_the_ring(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "ring.yaml"
     path.write_text(json.dumps(QUADROTOR_PAIR))
     assert call("check", str(path), "--no-trial", "--json") == 1
@@ -119,12 +114,20 @@ def test_check_refuses_the_ring(tmp_path: Path, capsys: pytest.CaptureFixture[st
     ("vehicles", "drift", "headings"),
     [
         (["otter", "wamv", "quadrotor"], [0.5, 0.3, 0.0], [120, 60, 0]),
-        pytest.param(["otter", "x500", "otter"], None, [0, 0, 90], marks=pytest.mark.slow),
+        (["otter", "x500", "otter"], None, [0, 0, 90]),
+        (["otter", "wamv", "quadrotor", "hull"], None, [30, -40, 0, 90]),
+        (["quadrotor", "hexarotor", "wamv"], None, []),
+        (["wamv", RAFT, "otter"], [0.3, 0.0], [10, 20, 30]),
+        (["hexarotor", "x500", "hexarotor"], [2.0, -1.0, 0.0], [0, 50, -70]),
+        (["quadrotor"] * 2, [4.0, 2.0, 0.5], []),
+        (["otter"] * 3, [0.5, 0.3], [0, 0, 120]),
+        (["wamv"] * 2, [0.8, 0.5], [0, 60]),
     ],
 )
 def test_mixed_teams_swing_up_where_check_says(
     vehicles: list[str], drift: list[float] | None, headings: list[float]
 ) -> None:
+    """Also alike ones, in a flow."""
     hold_against_simulation(chain(vehicles, drift, headings=headings), drift)
 
 
@@ -147,9 +150,7 @@ TERMS: list[dict[str, Any]] = [
 )
 def test_terms_swing_up_where_check_says(vehicles: list[str], terms: dict[str, Any]) -> None:
     """Alike vehicles by modes, and unlike ones whole."""
-    scenario = chain(vehicles)
-    scenario["controller"] |= terms
-    hold_against_simulation(scenario, growth=growth_rate_with_terms)
+    hold_against_simulation(chain(vehicles, **terms))
 
 
 @pytest.mark.slow
@@ -164,22 +165,17 @@ def test_terms_swing_up_where_check_says(vehicles: list[str], terms: dict[str, A
 def test_over_links_with_one_delay_they_swing_up_where_check_says(
     vehicles: list[str], delay: float, terms: dict[str, Any]
 ) -> None:
-    scenario = chain(vehicles)
-    exact = loop_of(scenario).largest_gain
-    scenario["links"] = {"all": {"delay": delay}}
-    scenario["controller"] |= terms
+    exact = known(loop_of(chain(vehicles)).largest_gain)
+    scenario = chain(vehicles, **terms) | {"links": {"all": {"delay": delay}}}
     late = loop_of(scenario)
     assert late.stable_over_exact_links is True
-    assert exact is not None
-    assert late.largest_gain is not None
-    assert late.largest_gain < exact
-    hold_against_simulation(scenario, growth=growth_rate_with_terms)
+    assert known(late.largest_gain) < exact
+    hold_against_simulation(scenario)
 
 
 def test_over_links_with_unlike_delays_nothing_is_said() -> None:
     loop = loop_of({**chain(["quadrotor"] * 2), "links": {"sensing": {"delay": 0.1}}})
-    assert loop.stable is None
-    assert loop.stable_over_exact_links is True
+    assert (loop.stable, loop.stable_over_exact_links) == (None, True)
     assert "delayed" in loop.reason
 
 
@@ -197,33 +193,13 @@ def test_every_vehicle_swings_up_where_check_says(vehicle: str, period: float) -
     hold_against_simulation(chain([vehicle] * 2, period=period))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("vehicles", "drift", "headings"),
-    [
-        (["quadrotor"] * 2, [4.0, 2.0, 0.5], []),
-        (["hexarotor", "x500", "hexarotor"], [2.0, -1.0, 0.0], [0, 50, -70]),
-        (["otter"] * 3, [0.5, 0.3], [0, 0, 120]),
-        (["wamv"] * 2, [0.8, 0.5], [0, 60]),
-        (["wamv", RAFT, "otter"], [0.3, 0.0], [10, 20, 30]),
-        (["otter", "wamv", "quadrotor", "hull"], None, [30, -40, 0, 90]),
-        (["quadrotor", "hexarotor", "wamv"], None, []),
-    ],
-)
-def test_teams_in_a_flow_swing_up_where_check_says(
-    vehicles: list[str], drift: list[float] | None, headings: list[float]
-) -> None:
-    hold_against_simulation(chain(vehicles, drift, headings=headings), drift)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("terms", [{}, *TERMS])
 @pytest.mark.parametrize("vehicle", ["quadrotor", "wamv"])
 def test_apart_by_modes_or_whole_is_the_same(
     vehicle: str, terms: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scenario = chain([vehicle] * 4, headings=[0, 0, 0, 0])
-    scenario["controller"] |= terms
+    scenario = chain([vehicle] * 4, headings=[0, 0, 0, 0], **terms)
     apart = [loop_of(scenario, gain) for gain in (0.2, 20.0)]
     monkeypatch.setattr(bodies, "_parts", lambda *_: [])
     whole = [loop_of(scenario, gain) for gain in (0.2, 20.0)]
@@ -231,9 +207,7 @@ def test_apart_by_modes_or_whole_is_the_same(
     for one, other in zip(apart, whole, strict=True):
         assert one.spectral_radius == pytest.approx(other.spectral_radius, rel=1e-7)
         assert one.largest_gain == pytest.approx(other.largest_gain, rel=2e-3)
-        assert one.least_damped is not None
-        assert other.least_damped is not None
-        assert one.least_damped.damping == pytest.approx(other.least_damped.damping, rel=1e-3)
+        assert known(one.least_damped).damping == pytest.approx(known(other.least_damped).damping, rel=1e-3)
 
 
 def test_a_large_team_is_decided_over_the_interval_of_its_spectrum(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,14 +229,12 @@ def test_what_only_a_sampled_eigenvalue_makes_unstable_is_undecided(
     loop = loop_of(chain(["quadrotor"] * 2))
     assert loop.stable is stable
     assert loop.reason.startswith("only eigenvalues between") is (stable is None)
-    assert loop.spectral_radius is not None
-    assert loop.spectral_radius > 1.0
+    assert known(loop.spectral_radius) > 1.0
 
 
 def test_a_hold_of_hours_leaves_no_trace_of_what_a_vehicle_does_by_itself() -> None:
     """Its modes decay to a factor of exactly 0 within a period: no warning, and no growth."""
-    scenario = chain(["hull"] * 2, period=2e4)
-    scenario["time"]["end"] = 1e5
+    scenario = chain(["hull"] * 2, period=2e4) | {"time": {"end": 1e5}}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert loop_of(scenario, 1e-5).stable is True
@@ -271,9 +243,7 @@ def test_a_hold_of_hours_leaves_no_trace_of_what_a_vehicle_does_by_itself() -> N
 
 @pytest.mark.long
 def test_a_thousand_hexarotors_are_decided() -> None:
-    record = mjsheaf.check(mjsheaf.load_scenario("swarm", {"swarm.size": 1000, "time.end": 1}), trial=False)["margins"][
-        "bodies"
-    ]
+    record = analyse("swarm", {"swarm.size": 1000, "time.end": 1})["margins"]["bodies"]
     assert record["stable"] is True
     assert record["largest_gain"] > 0.5
 
@@ -289,7 +259,7 @@ def test_headings_that_nothing_holds_are_no_instability() -> None:
 @pytest.mark.slow
 def test_what_is_free_does_not_enter() -> None:
     """Nothing holds the drones' common height, whose factor of 1 is no mode of the law."""
-    record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"), trial=False)["margins"]["bodies"]
+    record = analyse("air_tracks_surface")["margins"]["bodies"]
     assert record["stable"] is True
     assert record["spectral_radius"] < 1.0 - 1e-4
 
@@ -323,8 +293,7 @@ def test_a_large_team_of_unlike_vehicles_is_undecided(monkeypatch: pytest.Monkey
 
 
 def test_a_velocity_limit_below_the_current_is_undecided() -> None:
-    scenario = chain(["wamv"] * 2)
-    scenario["controller"]["velocity_limit"] = 0.5
+    scenario = chain(["wamv"] * 2, velocity_limit=0.5)
     assert loop_of(scenario, drift=[0.4, 0.0]).stable is True
     assert "velocity limit" in loop_of(scenario, drift=[0.6, 0.0]).reason
 

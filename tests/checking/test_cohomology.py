@@ -11,14 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import sparse
-from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from mjsheaf.checking.spectrum import explain
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
-from mjsheaf.team.team import sparsified
 from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
 from tests.strategies import exact_rank, shared_teams, whole_number_teams
 
@@ -70,12 +67,7 @@ def test_two_groups_in_the_air_are_named_apart() -> None:
 
 def test_agents_that_have_nothing_to_do_with_one_another_are_named_alone() -> None:
     alone = make_team("U1 B1 U2 B2", "S1 V1", [("B1", "B2")], [("U1", "S1"), ("B1", "S1")])
-    assert said(alone) == [
-        "U1 is free along z",
-        "U2 is free along x",
-        "U2 is free along y",
-        "U2 is free along z",
-    ]
+    assert said(alone) == ["U1 is free along z", "U2 is free along x", "U2 is free along y", "U2 is free along z"]
 
 
 def test_independent_freedoms_come_apart_within_one_connected_component() -> None:
@@ -156,30 +148,6 @@ def test_at_most_three_barely_held_directions() -> None:
     faint = [hold(v, "z", 1e-5 * (k + 1)) for k, v in enumerate(names)]
     found = explain(make_team(" ".join(names), "S1", [], [(v, "S1") for v in names], faint))
     assert [d.description for d in found.near_null] == [f"U{k} is nearly free along z" for k in range(3)]
-
-
-# -- sparse bases ----------------------------------------------------------------------------------------------
-
-
-@given(st.integers(0, 2**31), st.lists(st.integers(1, 4), min_size=1, max_size=4))
-def test_disjoint_motions_are_found_again(seed: int, sizes: list[int]) -> None:
-    """Motions of disjoint groups of coordinates, mixed at random, come out as they were."""
-    rng = np.random.default_rng(seed)
-    motions = np.zeros((sum(sizes) + 2, len(sizes)))
-    for k, block in enumerate(np.split(rng.permutation(len(motions))[: sum(sizes)], np.cumsum(sizes)[:-1])):
-        motions[block, k] = rng.uniform(0.5, 1.0, len(block))
-    motions /= motions.max(axis=0)
-    order = np.argsort(np.argmax(motions != 0.0, axis=0))
-    mixed = motions @ np.linalg.qr(rng.standard_normal((len(sizes), len(sizes))))[0]
-    found = sparsified(csr_array(mixed), np.arange(len(mixed))).toarray()
-    np.testing.assert_allclose(found, motions[:, order], atol=1e-9)
-
-
-def test_a_plane_that_one_agent_has_to_itself_is_its_axes() -> None:
-    """The second agent moves as the first, turned by 30 degrees: the description uses the axes of the first."""
-    basis = np.vstack([np.eye(2), turn(np.pi / 6)]) @ turn(1.1)
-    found = sparsified(sparse.csr_array(basis), np.array([0, 0, 1, 1])).toarray()
-    np.testing.assert_allclose(found[:2], np.eye(2), atol=1e-12)
 
 
 # -- at size ---------------------------------------------------------------------------------------------------

@@ -13,70 +13,59 @@ from mjsheaf.checking import examine_scenario
 from mjsheaf.checking.report import report, screen
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
-from tests.builders import mixed_scenario
+from tests.builders import known, list_members, make_fields, make_scenario, mixed_scenario, pick
+from tests.running import analyse
+from tests.strategies import long, slow
 
 PM = {"kind": "pierson_moskowitz", "significant_height": 1.0, "peak_period": 2.0 * np.pi}
 SHORT = {"kind": "jonswap", "significant_height": 0.3, "peak_period": 4.0, "spreading": "cos2"}
+OTTER = list_members({"A": [5, 0]}, vehicle="otter")
 GUSTS = {"kind": "dryden", "wind_speed": 6.0, "altitude": 20.0}
 
 
 def sea_of(scenario: Scenario) -> Any:
     """The components of a scenario's waves."""
-    water = scenario.flow.water
-    assert water is not None
-    assert water.waves is not None
-    return water.waves.components_of(0)
+    water = known(scenario.flow.water)
+    return known(water.waves).components_of(0)
 
 
 def lone(gain: float, period: float, waves: dict[str, Any], **fields: Any) -> Scenario:
     """Return an agent in waves about a target in still air."""
-    time = {"end": 10.0} | fields.pop("time", {})
     law = {"gain": gain, "control_period": period} | ({} if period else {"record_period": 0.1})
-    return scenario_from_mapping(
-        {
-            "name": "lone",
-            "time": time,
-            "controller": law,
-            "agents": [{"id": "A", "position": [5, 0]}],
-            "targets": [{"id": "T", "position": [5, 0, 8]}],
-            "sensing": [["A", "T"]],
-            "communication": [],
-            "flow": {"water": {"dimension": 2, "waves": waves}},
-            **fields,
-        }
-    )
+    flow = {"water": {"dimension": 2, "waves": waves}}
+    usual = make_fields({"A": [5, 0]}, {"T": [5, 0, 8]}, [["A", "T"]], time={"end": 10.0}, controller=law, flow=flow)
+    return make_scenario({**usual, **fields})
 
 
-def team(period: float = 0.1, **fields: Any) -> Scenario:
+def prediction(scenario: Scenario) -> Any:
+    """Return what `check` says of gusts and waves."""
+    return analyse(scenario)["disturbance"]
+
+
+def team(**fields: Any) -> Scenario:
     """Return two Otters in waves and two hexarotors in gusts about a drone."""
-    return scenario_from_mapping(
-        {
-            "name": "team",
-            "time": {"end": 10.0},
-            "controller": {"gain": 0.4, "control_period": period},
-            "agents": [
-                {"id": "O1", "position": [-6, 4], "vehicle": "otter"},
-                {"id": "O2", "position": [-6, -4], "vehicle": "otter"},
-                {"id": "H1", "position": [5, 6, 20], "vehicle": "hexarotor"},
-                {"id": "H2", "position": [5, -6, 20], "vehicle": "hexarotor"},
-            ],
-            "targets": [
-                {"id": "T", "position": [0, 0, 20], "vehicle": "hexarotor", "motion": {"kind": "static", "pull": 1.0}}
-            ],
-            "communication": [["O1", "O2"], ["O1", "H1"], ["H1", "H2"]],
-            "sensing": [["O1", "T"], ["H1", "T"], ["H2", "T"]],
-            "formations": [
-                {"name": "boats", "shape": "line", "members": ["O1", "O2"], "about": "T", "spacing": 8, "angle": 90},
-                {"name": "drones", "shape": "line", "members": ["H1", "H2"], "about": "T", "spacing": 12, "angle": 90},
-            ],
-            "flow": {
-                "air": {"dimension": 3, "drift": [2.0, 0.0, 0.0], "gusts": GUSTS},
-                "water": {"dimension": 2, "waves": SHORT},
-            },
-            "physics": {"timestep": 0.01, "contacts": False},
-            **fields,
-        }
-    )
+    boats = {"O1": [-6, 4], "O2": [-6, -4]}
+    drones = {"H1": [5, 6, 20], "H2": [5, -6, 20]}
+    line = {"shape": "line", "about": "T", "angle": 90}
+    usual = {
+        "name": "team",
+        "time": {"end": 10.0},
+        "controller": {"gain": 0.4, "control_period": 0.1},
+        "agents": list_members(boats, vehicle="otter") + list_members(drones, vehicle="hexarotor"),
+        "targets": list_members({"T": [0, 0, 20]}, vehicle="hexarotor", motion={"kind": "static", "pull": 1.0}),
+        "communication": [["O1", "O2"], ["O1", "H1"], ["H1", "H2"]],
+        "sensing": [["O1", "T"], ["H1", "T"], ["H2", "T"]],
+        "formations": [
+            {"name": "boats", "members": ["O1", "O2"], "spacing": 8, **line},
+            {"name": "drones", "members": ["H1", "H2"], "spacing": 12, **line},
+        ],
+        "flow": {
+            "air": {"dimension": 3, "drift": [2.0, 0.0, 0.0], "gusts": GUSTS},
+            "water": {"dimension": 2, "waves": SHORT},
+        },
+        "physics": {"timestep": 0.01, "contacts": False},
+    }
+    return make_scenario({**usual, **fields})
 
 
 def measured(scenario: Scenario, backend: str, end: float, seeds: int, engine: str = "mujoco") -> dict[str, float]:
@@ -95,38 +84,9 @@ def measured(scenario: Scenario, backend: str, end: float, seeds: int, engine: s
 @pytest.mark.parametrize(("gain", "rms"), [(0.1, 0.249017), (0.5, 0.229216), (1.0, 0.191609), (5.0, 0.065049)])
 @pytest.mark.parametrize("spreading", ["none", "cos2"])
 def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float, spreading: str) -> None:
-    record = mjsheaf.check(lone(gain, 0.0, {**PM, "spreading": spreading, "direction": 70.0}), trial=False)[
-        "disturbance"
-    ]
-    assert record["rms"] == pytest.approx(rms, abs=2e-6)
-    assert record["agents"] == {"A": record["rms"]}
+    record = prediction(lone(gain, 0.0, {**PM, "spreading": spreading, "direction": 70.0}))
+    assert pick(record, "rms", "agents") == (pytest.approx(rms, abs=2e-6), {"A": record["rms"]})
     assert record["norm"] == "per_agent_rms"
-
-
-@pytest.mark.long
-def test_a_fast_hold_is_nearly_the_continuous_law_and_a_slow_one_is_not() -> None:
-    found = [mjsheaf.check(lone(0.5, h, PM), trial=False)["disturbance"]["rms"] for h in (0.0, 0.001, 0.5)]
-    assert found[1] == pytest.approx(found[0], rel=1e-3)
-    assert abs(found[2] - found[0]) > 0.01 * found[0]
-
-
-@pytest.mark.slow
-def test_a_sea_of_few_waves_is_predicted_by_them() -> None:
-    waves = {**PM, "components": 3}
-    scenario = lone(0.5, 0.1, waves)
-    predicted = mjsheaf.check(scenario, trial=False)["disturbance"]["rms"]
-    assert measured(scenario, "ideal", 4000.0, 1)["A"] == pytest.approx(predicted, rel=0.01)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("peak_period", [2.0, 4.0])
-def test_a_hull_on_the_slopes_of_short_waves_moves_as_predicted(peak_period: float) -> None:
-    """Compare a single wave: at 2 s the slope moves the hand point 40 % farther than the velocity alone does."""
-    wave = {"kind": "jonswap", "significant_height": 0.02, "peak_period": peak_period, "components": 1}
-    boat = {"agents": [{"id": "A", "position": [5, 0], "vehicle": "otter"}]}
-    scenario = lone(0.5, 0.1, wave, **boat, physics={"timestep": 0.01, "contacts": False})
-    predicted = mjsheaf.check(scenario, trial=False)["disturbance"]["bodies"]["A"]
-    assert measured(scenario, "physics", 200.0, 1, "fused")["A"] == pytest.approx(predicted, rel=0.02)
 
 
 def lone_wave(period: float, rate: float, law: float, pull: float) -> float:
@@ -149,65 +109,35 @@ def lone_wave(period: float, rate: float, law: float, pull: float) -> float:
 @pytest.mark.parametrize("period", [0.05, 0.4])
 def test_the_pull_of_a_target_is_held_as_the_law_is(period: float, pull: float) -> None:
     wave = {"kind": "jonswap", "significant_height": 0.02, "peak_period": 3.0, "components": 1}
-    agents = [{"id": "A", "position": [5, 0, 10]}]
-    targets = [{"id": "T", "position": [5, 0], "motion": {"kind": "static", "pull": pull}}]
+    agents = list_members({"A": [5, 0, 10]})
+    targets = list_members({"T": [5, 0]}, motion={"kind": "static", "pull": pull})
     anchor = [{"agent": "A", "axes": ["z"], "value": [10]}]
     scenario = lone(1.1, period, wave, agents=agents, targets=targets, anchors=anchor, physics={"timestep": 0.01})
-    record = mjsheaf.check(scenario, trial=False)["disturbance"]
+    record = prediction(scenario)
     (rate,) = sea_of(scenario).rate
     assert record["rms"] == pytest.approx(lone_wave(period, rate, 1.1, pull), rel=2e-3)
-
-
-PULLED = {
-    "agents": [{"id": "B0", "position": [-13.8, -3.3]}, {"id": "B1", "position": [-10.8, 3.2]}],
-    "targets": [{"id": "T", "position": [0, 0], "motion": {"kind": "static", "pull": 1.0}}],
-    "communication": [{"between": ["B1", "B0"], "offset": [3.0, 6.5], "weight": 1.31}],
-    "sensing": [{"between": ["B0", "T"], "offset": [-13.8, -3.3]}],
-    "physics": {"timestep": 0.05, "contacts": False},
-}
-"""Two boats about a target that is pulled back, in waves whose height is 1/200 of their length."""
 
 
 @pytest.mark.long
 def test_steep_waves_are_named_as_beyond_a_linear_prediction() -> None:
     """The waves of PM are 2 pi 9.81 m long."""
     for height, beyond in ((0.9, []), (1.2, ["slow drift in groups of steep waves"])):
-        record = mjsheaf.check(lone(0.5, 0.1, {**PM, "significant_height": height}), trial=False)["disturbance"]
+        record = prediction(lone(0.5, 0.1, {**PM, "significant_height": height}))
         assert record["leaves_out"] == beyond
-
-
-@pytest.mark.long
-def test_boats_about_a_pulled_target_move_as_predicted() -> None:
-    waves = {"kind": "pierson_moskowitz", "significant_height": 0.066, "peak_period": 3.0, "components": 120}
-    scenario = lone(1.0645, 0.2, waves, **PULLED)
-    record = mjsheaf.check(scenario, trial=False)["disturbance"]
-    assert measured(scenario, "ideal", 1500.0, 6) == pytest.approx(record["agents"], rel=0.015)
-    assert measured(scenario, "physics", 800.0, 4, "fused") == pytest.approx(record["bodies"], rel=0.03)
 
 
 def under_water(depth: float | None, **fields: Any) -> Scenario:
     """Return a submersible, a drone and a boat about a submerged target in small waves; fields replace fields."""
     waves = {"kind": "pierson_moskowitz", "significant_height": 0.2, "peak_period": 5.0, "components": 120}
     sea = {**waves, "spreading": "cos2"} | ({} if depth is None else {"depth": depth})
-    agents = [
-        {"id": "S", "position": [3, 0, -2]},
-        {"id": "D", "position": [-3, 0, 3]},
-        {"id": "B", "position": [0, 4]},
-    ]
-    offsets = [{"between": [id, "T"], "offset": place} for id, place in (("S", [3, 0, -1]), ("B", [0, 4]))]
-    return lone(
-        1.0,
-        0.1,
-        sea,
-        **{
-            "agents": agents,
-            "targets": [{"id": "T", "position": [0, 0, -1]}],
-            "sensing": offsets,
-            "communication": [{"between": ["S", "D"], "offset": [6, 0, -5]}],
-            "physics": {"timestep": 0.02, "contacts": False},
-            **fields,
-        },
-    )
+    usual = {
+        "agents": list_members({"S": [3, 0, -2], "D": [-3, 0, 3], "B": [0, 4]}),
+        "targets": list_members({"T": [0, 0, -1]}),
+        "sensing": [{"between": [id, "T"], "offset": place} for id, place in (("S", [3, 0, -1]), ("B", [0, 4]))],
+        "communication": [{"between": ["S", "D"], "offset": [6, 0, -5]}],
+        "physics": {"timestep": 0.02, "contacts": False},
+    }
+    return lone(1.0, 0.1, sea, **{**usual, **fields})
 
 
 @pytest.mark.parametrize("depth", [None, 4.0])
@@ -227,32 +157,62 @@ def test_water_moves_as_airy_s_waves_do_at_any_depth(depth: float | None) -> Non
 def test_a_drone_above_a_submerged_target_moves_as_one_wave_moves_the_target(pull: float) -> None:
     """The target goes round a circle of radius a e^(kz), held by its pull; the drone lags by 1 / (i omega + k1)."""
     wave = {"kind": "jonswap", "significant_height": 0.1, "peak_period": 4.0, "components": 1}
-    targets = [{"id": "T", "position": [5, 0, -2], "motion": {"kind": "static", "pull": pull}}]
-    agents = [{"id": "A", "position": [5, 0, 3]}]
+    targets = list_members({"T": [5, 0, -2]}, motion={"kind": "static", "pull": pull})
+    agents = list_members({"A": [5, 0, 3]})
     offset = [{"between": ["A", "T"], "offset": [0, 0, 5]}]
-    record = mjsheaf.check(lone(0.8, 0.0, wave, targets=targets, agents=agents, sensing=offset), trial=False)[
-        "disturbance"
-    ]
+    record = prediction(lone(0.8, 0.0, wave, targets=targets, agents=agents, sensing=offset))
     (rate,) = sea_of(lone(0.8, 0.0, wave)).rate
     radius = 0.1 / np.sqrt(8.0) * np.exp(-2.0 * rate**2 / 9.81)
     follows = rate / np.hypot(rate, pull)
     assert record["rms"] == pytest.approx(radius * follows * rate / np.hypot(rate, 0.8), rel=1e-6)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("depth", [None, 4.0])
-def test_what_is_under_water_or_above_it_moves_as_predicted(depth: float | None) -> None:
-    scenario = under_water(depth)
-    record = mjsheaf.check(scenario, trial=False)["disturbance"]
-    assert measured(scenario, "ideal", 1000.0, 4) == pytest.approx(record["agents"], rel=0.02)
-    assert measured(scenario, "physics", 600.0, 3, "fused") == pytest.approx(record["bodies"], rel=0.05)
+def hull_on_slopes(peak_period: float) -> Scenario:
+    """Return a boat in a single short wave: at 2 s its slope moves the hand point 40 % farther than its velocity."""
+    wave = {"kind": "jonswap", "significant_height": 0.02, "peak_period": peak_period, "components": 1}
+    return lone(0.5, 0.1, wave, agents=OTTER, physics={"timestep": 0.01, "contacts": False})
+
+
+def pulled() -> Scenario:
+    """Return two boats about a target that is pulled back, in waves whose height is 1/200 of their length."""
+    return lone(
+        1.0645,
+        0.2,
+        {"kind": "pierson_moskowitz", "significant_height": 0.066, "peak_period": 3.0, "components": 120},
+        agents=list_members({"B0": [-13.8, -3.3], "B1": [-10.8, 3.2]}),
+        targets=list_members({"T": [0, 0]}, motion={"kind": "static", "pull": 1.0}),
+        communication=[{"between": ["B1", "B0"], "offset": [3.0, 6.5], "weight": 1.31}],
+        sensing=[{"between": ["B0", "T"], "offset": [-13.8, -3.3]}],
+        physics={"timestep": 0.05, "contacts": False},
+    )
+
+
+@pytest.mark.parametrize(
+    ("scenario", "ideal", "bodies"),
+    [
+        slow(lone(0.5, 0.1, {**PM, "components": 3}), (4000.0, 1, 0.01), None),
+        *(long(hull_on_slopes(peak_period), None, (200.0, 1, 0.02)) for peak_period in (2.0, 4.0)),
+        long(pulled(), (1500.0, 6, 0.015), (800.0, 4, 0.03)),
+        *(long(under_water(depth), (1000.0, 4, 0.02), (600.0, 3, 0.05)) for depth in (None, 4.0)),
+    ],
+    ids=["few waves", "slopes at 2 s", "slopes at 4 s", "pulled", "deep", "shallow"],
+)
+def test_long_runs_move_as_predicted(scenario: Scenario, ideal: Any, bodies: Any) -> None:
+    """Each for so long, of so many seeds, and to this accuracy."""
+    record = prediction(scenario)
+    if ideal is not None:
+        end, seeds, accuracy = ideal
+        assert measured(scenario, "ideal", end, seeds) == pytest.approx(record["agents"], rel=accuracy)
+    if bodies is not None:
+        end, seeds, accuracy = bodies
+        assert measured(scenario, "physics", end, seeds, "fused") == pytest.approx(record["bodies"], rel=accuracy)
 
 
 @pytest.mark.slow
 def test_what_passes_through_the_surface_has_no_prediction() -> None:
     motion = {"kind": "lissajous", "amplitude": [0, 0, 2], "rate": [0, 0, 0.5]}
-    diving = under_water(None, targets=[{"id": "T", "position": [0, 0, -1], "motion": motion}], time={"end": 20.0})
-    record = mjsheaf.check(diving, trial=False)["disturbance"]
+    diving = under_water(None, targets=list_members({"T": [0, 0, -1]}, motion=motion), time={"end": 20.0})
+    record = prediction(diving)
     assert record["rms"] is None
     assert "T passes through the surface of the waves" in record["reason"]
     assert set(record["agents"].values()) == {None}
@@ -282,10 +242,10 @@ def predicted_and_measured(name: str) -> dict[str, list[float]]:
         scenario = mjsheaf.load_scenario(name)
         runs = over_seeds(name, "ideal", 300), over_seeds(name, "physics", 150)
     else:
-        boat = {"agents": [{"id": "A", "position": [5, 0], "vehicle": "otter"}], "physics": {"contacts": False}}
-        scenario = lone(0.5, 0.1, SHORT, **boat) if name == "boat" else gusty(name == "frozen")
+        boat = lone(0.5, 0.1, SHORT, agents=OTTER, physics={"contacts": False})
+        scenario = boat if name == "boat" else gusty(name == "frozen")
         runs = measured(scenario, "ideal", 3000.0, 10), measured(scenario, "physics", 1500.0, 10, "fused")
-    record = mjsheaf.check(scenario, trial=False)["disturbance"]
+    record = prediction(scenario)
     assert record["rms"] == pytest.approx(np.sqrt(np.mean(np.square(list(record["agents"].values())))))
     assert record["bodies_reason"] == ""
     return {id: [record["agents"][id], runs[0][id], record["bodies"][id], runs[1][id]] for id in runs[0]}
@@ -308,7 +268,7 @@ def test_predictions_agree_with_long_runs_as_the_guide_has_it(name: str) -> None
 
 @pytest.mark.slow
 def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
-    agents = [{"id": f"H{z}", "position": [z, 0, z], "vehicle": "hexarotor"} for z in (1, 20, 400)]
+    agents = list_members({f"H{z}": [z, 0, z] for z in (1, 20, 400)}, vehicle="hexarotor")
     flow = {"air": {"dimension": 3, "gusts": {"kind": "dryden", "wind_speed": 6.0}}}
     scenario = lone(0.5, 0.1, PM, agents=agents, sensing=[[agent["id"], "T"] for agent in agents], flow=flow)
     record = examine_scenario(scenario).record
@@ -316,7 +276,7 @@ def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
     terminal = Console(width=200, record=True, file=StringIO())
     terminal.print(report(record))
     assert "H1: 3.048, H400: 304.8" in terminal.export_text()
-    assert mjsheaf.check(team(), trial=False)["disturbance"]["clipped"] == {}
+    assert prediction(team())["clipped"] == {}
 
 
 @pytest.mark.long
@@ -334,11 +294,11 @@ def test_the_screen_has_the_error_of_waves_and_who_cannot_hold_station() -> None
 
 @pytest.mark.slow
 def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
-    still = mjsheaf.check(mixed_scenario(), trial=False)["disturbance"]
+    still = prediction(mixed_scenario())
     assert still["rms"] == 0.0
     assert set(still["agents"].values()) == {0.0}
     law = {"gain": 0.5, "control_period": 0.1, "feedforward": {"rounds": 2}}
-    ahead = mjsheaf.check(lone(0.5, 0.1, PM, controller=law), trial=False)["disturbance"]
+    ahead = prediction(lone(0.5, 0.1, PM, controller=law))
     assert ahead["rms"] is None
     assert "follows the targets" in ahead["reason"]
 
@@ -349,5 +309,5 @@ def test_a_loop_that_is_not_finite_has_no_prediction(monkeypatch: pytest.MonkeyP
         raise np.linalg.LinAlgError("not finite")
 
     monkeypatch.setattr("mjsheaf.checking.loop.prediction.whole_loop", fails)
-    sea = mjsheaf.check(team(), trial=False)["disturbance"]
+    sea = prediction(team())
     assert (sea["rms"], sea["reason"], sea["bodies_reason"]) == (None, "not finite", "not finite")

@@ -4,7 +4,7 @@ Oracles: the field itself at thousands of random points, half of them gathered a
 peaks are known in closed form; the paper's field on a fine grid.
 """
 
-import time
+import timeit
 from collections.abc import Callable
 from functools import partial
 
@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mjsheaf.checking.theorem.flow_bounds import Supremum, _Kernels
+from mjsheaf.checking.theorem.flow_bounds import Supremum
 from mjsheaf.checking.theorem.flow_bounds import supremum as supremum_of
 from mjsheaf.media import FlowField
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
@@ -25,9 +25,8 @@ Array = NDArray[np.float64]
 largest_speed = partial(supremum_of, slope=False)
 lipschitz_constant = partial(supremum_of, slope=True)
 BOTH = pytest.mark.parametrize("supremum", [largest_speed, lipschitz_constant], ids=["speed", "slope"])
-SPACES = st.sampled_from(
-    [(2, True), (2, False), (3, True), (3, False)]
-)  # of the field, and whether vehicles are planar
+PLANES = [(2, True), (2, False), (3, True), (3, False)]  # dimension of the field, and whether vehicles are planar
+SPACES = st.sampled_from(PLANES)
 SEEDS = st.integers(0, 2**31)
 
 
@@ -103,46 +102,11 @@ def test_nothing_in_the_box_exceeds_the_bound(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slope", [False, True], ids=["speed", "slope"])
-@examples(150)
-@given(seed=SEEDS, space=SPACES)
-def test_the_bound_of_one_cell_holds(slope: bool, seed: int, space: tuple[int, bool]) -> None:
-    """Each bound separately: each kernel over a cell, and its second derivative, by differences."""
-    (dimension, planar), rng = space, np.random.default_rng(seed)
-    field = random_field(rng, dimension)
-    kernels = _Kernels(field.table, dimension, 2 if planar or dimension == 2 else 3, True)
-    n = kernels.n
-    half = 10.0 ** rng.uniform(-2, 0.5, (1, n))
-    if not kernels.count:
-        return
-    centre = kernels.centre[:1] + rng.standard_normal(n) * half * 2.0
-    points = rng.uniform(centre - half, centre + half, (400, n))
-    points = np.concatenate(
-        [points, np.clip(np.concatenate([kernels.candidates(), centre]), centre - half, centre + half)]
-    )
-
-    a = np.linalg.norm(half, axis=1)
-    both = kernels._pole_bounds(centre, half, slope), kernels._channel_bounds(centre, half, a, slope)
-    largest, curvature = (np.concatenate(b, axis=1)[0] for b in zip(*both, strict=True))
-    w, J = kernels.evaluate(points)
-    sizes = np.linalg.norm(J, ord=2, axis=(-2, -1)) if slope else np.linalg.norm(w, axis=-1)
-    assert np.all(sizes <= largest * (1.0 + 1e-12))
-    i, j = np.triu_indices(len(points[:60]), 1)
-    apart = np.linalg.norm(points[i] - points[j], axis=1)[:, None]
-    change = np.linalg.norm(J[i] - J[j], ord=2, axis=(-2, -1))
-    assert np.all(change <= curvature * apart * (1.0 + 1e-9) + 1e-9 * np.abs(J).max(initial=0.0))
-
-    values, bounds = kernels.bounds(centre, half, slope)
-    assert np.all(kernels.values(points, slope) <= bounds)
-    assert values[0] <= bounds[0]
-
-
-@pytest.mark.slow
 @BOTH
 def test_the_gap_closes(supremum: Callable[..., Supremum]) -> None:
     """Within 50,000 cells, but for a few fields of channels that overlap in space: one in 600 in a longer study."""
     exact = []
-    for n, planar in ((2, True), (2, False), (3, True), (3, False)):
+    for n, planar in PLANES:
         for seed in range(60):
             rng = np.random.default_rng(seed)
             field, reach = random_field(rng, n), rng.uniform(1.0, 10.0, 2 if planar else 3)
@@ -200,20 +164,13 @@ def test_the_paper() -> None:
     assert largest_speed(space, *box, planar=False).seen == pytest.approx(20.82, abs=0.1)
 
 
-def test_the_paper_is_fast() -> None:
-    """Milliseconds; the limits are wide enough for a busy machine and tell a vectorised search from a loop."""
-    agents, targets = paper_field("agent_field"), paper_field("target_field")
-    for supremum in (largest_speed, lipschitz_constant):
-        took = []
-        for _ in range(5):
-            start = time.perf_counter()
-            supremum(agents, [-100, -100], [150, 150], planar=True)
-            middle = time.perf_counter()
-            supremum(targets, [-60, -60, -70], [120, 120, 10], planar=False)
-            took.append((middle - start, time.perf_counter() - middle))
-        plane, space = np.min(took, axis=0)
-        assert plane < 0.05
-        assert space < 0.3
+@BOTH
+@pytest.mark.parametrize(("name", "limit"), [("agent_field", 0.05), ("target_field", 0.3)])
+def test_the_paper_is_fast(supremum: Callable[..., Supremum], name: str, limit: float) -> None:
+    """Milliseconds; the limits, in s, are wide enough for a busy machine and tell a vectorised search from a loop."""
+    field, (low, high) = paper_field(name), ([-60, -60, -70], [120, 120, 10])
+    took = timeit.repeat(lambda: supremum(field, low, high, planar=name == "agent_field"), number=1)
+    assert min(took) < limit
 
 
 @BOTH
@@ -248,7 +205,7 @@ def test_a_box_may_be_flat(supremum: Callable[..., Supremum]) -> None:
 @BOTH
 @pytest.mark.parametrize("distance", [1e2, 1e4, 1e6])
 def test_far_from_every_kernel(supremum: Callable[..., Supremum], distance: float) -> None:
-    """The speed is that of the drift alone, and the slope is almost zero."""
+    """The speed is that of the drift alone, and the slope is almost zero; of a channel nothing is left."""
     field = paper_field("target_field")
     low, high = np.full(3, distance), np.full(3, distance + 30.0)
     found = supremum(field, low, high, planar=False)
@@ -258,14 +215,8 @@ def test_far_from_every_kernel(supremum: Callable[..., Supremum], distance: floa
         assert largest_speed(field, low, high, planar=False, drift=False).upper <= 2.0 / distance
     else:
         assert found.upper <= 2.0 / distance**2
-
-
-def test_only_channels_and_far_away_nothing_moves() -> None:
-    field = field_of(2, channels=[[0, 0, 1, 0, 5.0, 0.5, 2.0]])
-    for supremum in (largest_speed, lipschitz_constant):
-        found = supremum(field, [500, 500], [600, 600], planar=True)
-        assert found.upper == found.seen == 0.0
-        assert found.exact
+    jet = supremum(field_of(2, channels=[[0, 0, 1, 0, 5.0, 0.5, 2.0]]), low, high, planar=True)
+    assert (jet.upper, jet.seen, jet.exact) == (0.0, 0.0, True)
 
 
 @BOTH
@@ -273,10 +224,7 @@ def test_only_channels_and_far_away_nothing_moves() -> None:
 @pytest.mark.parametrize("n", [2, 3])
 def test_without_a_core_the_supremum_is_infinite(supremum: Callable[..., Supremum], n: int, core: float) -> None:
     centre, axis = [1.0, 2.0, 0.0][:n], [[], [0.0, 0.0, 1.0]][n - 2]
-    for field in (
-        field_of(n, core, sources=[[*centre, 1.0]]),
-        field_of(n, core, vortices=[[*centre, *axis, 1.0]]),
-    ):
+    for field in (field_of(n, core, sources=[[*centre, 1.0]]), field_of(n, core, vortices=[[*centre, *axis, 1.0]])):
         for planar in (True, False):
             for low, high in (([-5, -5, -5], [5, 5, 5]), ([1, 2, 0], [1, 2, 0]), ([1, -3, 0], [2, 2, 1])):
                 found = supremum(field, low, high, planar=planar)
@@ -318,12 +266,6 @@ def test_leaving_out_the_drift(seed: int, space: tuple[int, bool]) -> None:
 def same(one: Supremum, other: Supremum) -> None:
     assert (one.upper, one.seen, one.exact) == (other.upper, other.seen, other.exact)
     np.testing.assert_array_equal(one.where, other.where)
-
-
-@BOTH
-def test_the_same_question_has_the_same_answer(supremum: Callable[..., Supremum]) -> None:
-    low, high = [-60, -60, -70], [120, 120, 10]
-    same(*(supremum(paper_field("target_field"), low, high, planar=False) for _ in range(2)))
 
 
 @BOTH

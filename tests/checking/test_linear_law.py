@@ -1,6 +1,7 @@
 """The linear model of the law, read off the compiled stages, against its dynamics derived by hand.
 
-Oracles: the recursions in `derived_law`; runs of the scenario's law; terms added behind the compiled law.
+Oracles: the recursions in `derived_law`; terms added behind the compiled law. Its loops with vehicles, and with delays,
+are held against runs in `test_oracle`.
 """
 
 from collections.abc import Callable
@@ -9,21 +10,29 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.polynomial.chebyshev import chebroots
+from scipy.signal import lfilter
 
 import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop import linear_law
-from mjsheaf.checking.loop.held_law import Loop, _noise, closed, delayed, ideal_vehicle, law_loop, loop_of
-from mjsheaf.checking.loop.linear_law import LinearController, model_of
+from mjsheaf.checking.loop.held_law import (
+    Loop,
+    _carried_odometry,
+    _noise,
+    closed,
+    ideal_vehicle,
+    law_loop,
+    loop_of,
+    residual_polynomial,
+)
+from mjsheaf.checking.loop.linear_law import model_of
 from mjsheaf.checking.loop.links import largest_delay
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.law import new_memory
-from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import random_scenario
+from tests.builders import known, random_scenario
 from tests.checking.derived_law import DerivedLaw
 
 TERMS: dict[str, dict[str, Any]] = {
@@ -59,18 +68,17 @@ def test_running_the_law_gives_the_loop_derived_by_hand(names: tuple[str, ...], 
     radius = np.abs(np.linalg.eigvals(by_hand.own)).max()
     assert loop.radius_at(delay) == pytest.approx(radius, abs=1e-10)
     L = len(loop.values)
-    for (M, G, command), sign in ((by_hand.matrices, -1.0), (matrices, 1.0)):  # of e = -q; u is the same
+    found = {}
+    for which, (M, G, command), sign in (("by hand", by_hand.matrices, -1.0), ("read", matrices, 1.0)):  # of e = -q
         n = M.shape[1]
         x = np.concatenate([sign * G, np.zeros((L, n, 1))], axis=2)
         x[:, 0, 4] = sign
-        found = np.zeros((60, 2, L, 5))
+        responses = np.zeros((60, 2, L, 5))
         for k in range(60):
-            found[k, 0] = sign * x[:, 0]
-            found[k, 1] = np.einsum("li,lij->lj", command[:, :n], sign * x if sign < 0.0 else x)
+            responses[k] = x[:, 0], np.einsum("li,lij->lj", command[:, :n], x)
             x = M @ x
-        if sign < 0.0:
-            expected = found
-    np.testing.assert_allclose(np.abs(found), np.abs(expected), rtol=0.0, atol=1e-10)
+        found[which] = np.abs(responses)
+    np.testing.assert_allclose(found["read"], found["by hand"], rtol=0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("gain", [0.1, 0.5, 2.5])
@@ -113,8 +121,7 @@ def test_gains_between_which_the_loop_is_stable(names: tuple[str, ...]) -> None:
     """At the ends of the interval the spectral radius of the matrices derived by hand is 1."""
     system = with_terms(names)
     loop = loop_of(system)
-    assert loop.stable_gains is not None
-    low, high = loop.stable_gains
+    low, high = known(loop.stable_gains)
     for gain in (low, high):
         if gain > 0.0:
             at_end = DerivedLaw(system.law.terms, loop.values, gain, loop.period)
@@ -127,8 +134,6 @@ def test_gains_between_which_the_loop_is_stable(names: tuple[str, ...]) -> None:
 @pytest.mark.parametrize("names", LAWS, ids="+".join)
 def test_noise_of_the_command(names: tuple[str, ...]) -> None:
     """By impulse responses of the filters, rounds and feedback derived by hand."""
-    from scipy.signal import lfilter
-
     system = with_terms(names)
     loop = loop_of(system)
     terms = system.law.terms
@@ -139,10 +144,8 @@ def test_noise_of_the_command(names: tuple[str, ...]) -> None:
     if terms.feedforward:
         rate = lfilter([terms.measured], [1.0, terms.measured - 1.0], impulse)
         lead = float(terms.lead[0])
-        c = linear_residual(system, loop)
+        c = residual_polynomial(loop.values, terms.feedforward, *terms.eigenvalues)
         v = [lfilter([(1.0 - kept) * (1.0 + lead), -(1.0 - kept) * lead], [1.0, -kept], rate) for kept in c]
-        from mjsheaf.checking.loop.held_law import _carried_odometry
-
         largest = max(float(np.linalg.norm(by_hand.answered(one, v[one]))) for one in range(len(v)))
         expected += largest * _carried_odometry(system) / terms.period
     if terms.drift > 0.0:
@@ -150,51 +153,6 @@ def test_noise_of_the_command(names: tuple[str, ...]) -> None:
         each = range(len(loop.values))
         expected += max(float(np.linalg.norm(by_hand.answered(one, phi))) for one in each) / terms.period
     assert _noise(system, loop) == pytest.approx(expected, rel=1e-8, abs=1e-14)
-
-
-def linear_residual(system: System, loop: Loop) -> Array:
-    from mjsheaf.checking.loop.held_law import residual_polynomial
-
-    return residual_polynomial(loop.values, system.law.terms.feedforward, *system.law.terms.eigenvalues)
-
-
-@pytest.mark.parametrize("names", LAWS, ids="+".join)
-def test_the_loop_of_a_vehicle(names: tuple[str, ...]) -> None:
-    """Closed through the law that was read and through the formulas, a random stable vehicle has the same factors."""
-    system = with_terms(names)
-    loop = loop_of(system)
-    rng = np.random.default_rng(5)
-    A = rng.normal(size=(4, 4))
-    A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
-    plant = LinearVehicle(A, rng.normal(size=(4, 2)), 0.01 * rng.normal(size=(2, 4)), 0.01 * np.eye(2))
-    for gain in (0.0, 0.3, 2.0):
-        by_hand = DerivedLaw(system.law.terms, loop.values, gain, loop.period).joined(plant)
-        read = closed(plant, loop.model.feedback(gain, loop.values).alike(2))
-        for one, other in zip(np.linalg.eigvals(read), np.linalg.eigvals(by_hand), strict=True):
-            away = np.abs(one[:, None] - other[None])  # a state more or less decays at once, or is not excited
-            assert away.min(axis=1).max() < 1e-6
-
-
-@pytest.mark.parametrize("periods", [0, 1, 4])
-def test_the_loop_of_a_delayed_vehicle_is_the_recursion_over_what_was_measured(periods: int) -> None:
-    """Positions that a law meets some periods late, in the loop and in a recursion with a list of all positions."""
-    rng = np.random.default_rng(periods)
-    s, n, r, steps = 3, 2, 4, 12
-    shapes = [(s, s), (s, n), (n, s), (n, n), (r, r), (r, n), (n, r), (n, n)]
-    A, B, C, D, *law = (0.4 * rng.normal(size=shape) for shape in shapes)
-    kept, learnt, recalled, direct = law
-    M = closed(delayed(LinearVehicle(A, B, C, D), periods), LinearController(*law))
-    start = rng.normal(size=n)
-    state = np.zeros(len(M))
-    state[:n] = start
-    p, x, z = [start], np.zeros(s), np.zeros(r)
-    for k in range(steps):
-        seen = p[max(k - periods, 0)]
-        np.testing.assert_allclose(state[:n], seen, rtol=1e-10, atol=1e-12)
-        u = direct @ seen + recalled @ z
-        p.append(p[k] + C @ x + D @ u)
-        x, z = A @ x + B @ u, kept @ z + learnt @ seen
-        state = M @ state
 
 
 def with_term(monkeypatch: pytest.MonkeyPatch, term: Callable[[Array], Array]) -> None:
@@ -230,8 +188,7 @@ def test_a_new_linear_term_is_in_all_that_check_says(names: tuple[str, ...], mon
     changed = law_loop(system, certify(system))
     assert changed.spectral_radius != record.spectral_radius
     if names == ("drift",):
-        assert record.largest_gain is not None
-        assert changed.largest_gain == pytest.approx(record.largest_gain - 0.7, rel=1e-9)
+        assert changed.largest_gain == pytest.approx(known(record.largest_gain) - 0.7, rel=1e-9)
         radius = np.abs(1.0 - before.period * (before.gain + 0.7) * before.values).max()
         assert changed.spectral_radius == pytest.approx(radius, rel=1e-12)
 
@@ -259,49 +216,12 @@ def test_a_law_that_is_not_linear_is_undecided(term: Callable[[Array], Array], m
     assert "because of term drift" in record.reason
 
 
-def test_one_eigenvalue_that_rounds_meet_exactly() -> None:
-    """The law then remembers nothing, and its delay is decided all the same."""
-    system = mjsheaf.load_scenario("midpoint", {"controller.newton": {"rounds": 5}, "controller.drift": {}}).system
-    loop = loop_of(system)
-    assert loop.feedback.A.shape[1:] == (0, 0)
-    assert nyquist_limit(loop) == scanned_limit(loop)
-
-
-@pytest.mark.parametrize("names", [(), ("newton",), ("integral",), ("newton", "integral")])
-def test_the_largest_delay_is_that_of_nyquists_count(names: tuple[str, ...]) -> None:
-    terms = {"newton": {"rounds": 2}, "integral": {"gain": 0.2}}
-    changes = {f"controller.{name}": terms[name] for name in names}
-    for gain in (1.5, 4.0):
-        loop = loop_of(mjsheaf.load_scenario("midpoint", {**changes, "controller.gain": gain}).system)
-        assert nyquist_limit(loop) == scanned_limit(loop)
-        assert nyquist_limit(loop) > 0
-
-
-def scanned_limit(loop: Loop) -> int | None:
-    """Return the largest delay of all measurements, in periods."""
-    return largest_delay(loop, np.ones(1, dtype=np.bool_), lambda delay: loop.radius_at(int(delay[0])))
-
-
-def nyquist_limit(loop: Loop) -> int:
-    """Oracle: the largest delay of loops 1 + L(z) z^-d, each with a single frequency at which |L| = 1.
-
-    L is the loop without delay; its poles lie on z = 1 or inside the unit circle. If |L| = 1 at theta alone, the loop
-    is stable up to d theta = pi + arg L there, and unstable beyond.
-    """
-    limits = []
-    feedback = loop.feedback
-    for A, b, c, d in zip(feedback.A, feedback.B[:, :, 0], feedback.C, feedback.D[:, 0], strict=True):
-        below = np.atleast_1d(np.poly(np.linalg.eigvals(A)))  # of L, powers of z descending
-        # c adj(z - A) b = det(z - A + b c) - det(z - A)
-        closed = np.atleast_1d(np.poly(np.linalg.eigvals(A - np.outer(b, c))))
-        above = np.append(0.0, -loop.period * (closed + (d - 1.0) * below))
-        below = np.convolve(below, [1.0, -1.0])
-        square = [np.correlate(p, p, "full")[len(p) - 1 :] for p in (below, above)]
-        series = (square[0] - square[1]) * np.append(1.0, np.full(len(below) - 1, 2.0))
-        roots = chebroots(np.trim_zeros(series, "b"))
-        (cosine,) = roots[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) < 1.0)].real
-        theta = np.arccos(cosine)
-        z = np.exp(1j * theta)
-        L = np.polyval(above, z) / np.polyval(below, z)
-        limits.append(((np.angle(L) + np.pi) % (2.0 * np.pi)) / theta)
-    return int(np.ceil(min(limits) - 1e-9)) - 1
+@pytest.mark.parametrize("terms", [{"newton": {"rounds": 5}, "drift": {}}, {"integral": {"gain": 0.2}}])
+def test_the_largest_delay_is_the_last_at_which_the_loop_is_stable(terms: dict[str, Any]) -> None:
+    """With one eigenvalue that rounds meet exactly the law remembers nothing; its delay is decided all the same."""
+    changes = {f"controller.{name}": term for name, term in terms.items()}
+    loop = loop_of(mjsheaf.load_scenario("midpoint", changes).system)
+    assert loop.feedback.A.shape[1:] == ((0, 0) if "newton" in terms else (1, 1))
+    all_delayed = np.ones(1, dtype=np.bool_)
+    limit = int(known(largest_delay(loop, all_delayed, lambda delay: loop.radius_at(int(delay[0])))))
+    assert [loop.radius_at(delay) < 1.0 for delay in (0, limit - 1, limit, limit + 1)] == [True, True, True, False]

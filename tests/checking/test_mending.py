@@ -13,7 +13,7 @@ from hypothesis import given
 from mjsheaf.checking.repairs import Augmentation, plan_augmentation, suggest_edges
 from mjsheaf.checking.spectrum import explain
 from mjsheaf.team import Edge, Team, anchor, restriction_maps
-from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
+from tests.builders import Array, coboundary, hold, known, make_edge, make_team, turn
 from tests.strategies import exact_rank, examples, shared_teams, whole_number_teams
 
 
@@ -76,8 +76,7 @@ def places_of(team: Team) -> Array:
 
 def planned(team: Team, **limits: int) -> Augmentation:
     """Return the repairs of a team with free directions."""
-    plan = plan_augmentation(team, places_of(team), **limits)
-    assert plan is not None
+    plan = known(plan_augmentation(team, places_of(team), **limits))
     return plan
 
 

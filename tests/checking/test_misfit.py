@@ -8,15 +8,16 @@ import pytest
 
 from mjsheaf import simulate
 from mjsheaf.arrays import Array
-from mjsheaf.checking import check
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.links import limit_from_eigenvalues
-from mjsheaf.loop.system import System
 from mjsheaf.scenario import Scenario
-from tests.builders import make_scenario
+from tests.builders import build_scenario, list_members, make_fields, make_scenario, pick
+from tests.running import analyse
+from tests.strategies import slow
 
 PERIOD = 0.01
 GAIN = 1.0
+USUAL: dict[str, Any] = {"time": {"end": 1.0}, "controller": {"gain": GAIN, "control_period": PERIOD}}
 
 
 def law(scenario: Scenario) -> Any:
@@ -83,22 +84,10 @@ def random_team(seed: int, misfit: float = 1.0, directed: float = 0.0, targets: 
     pairs = [pair[::-1] if rng.random() < 0.5 else pair for pair in pairs]
     sensed = [(i, k) for i in range(n) for k in range(m) if rng.random() < 0.6]
     start = q + 0.3 * rng.normal(size=q.shape)
-    return make_scenario(
-        {
-            "time": {"end": 1.0},
-            "controller": {"gain": GAIN, "control_period": PERIOD},
-            "agents": [{"id": f"A{i}", "position": x} for i, x in enumerate(start.tolist())],
-            "targets": [{"id": f"T{k}", "position": x} for k, x in enumerate(p.tolist())],
-            "communication": [edge(f"A{i}", f"A{j}", q[j] - q[i], rng.random() < directed) for i, j in pairs],
-            "sensing": [edge(f"A{i}", f"T{k}", p[k] - q[i], False) for i, k in sensed],
-        }
-    )
-
-
-def radius_of(system: System) -> float:
-    """The spectral radius that `check` states for the held law."""
-    local = system.local
-    return loop_of(local).radius
+    agents, seen = ({f"{kind}{k}": x for k, x in enumerate(each.tolist())} for kind, each in (("A", start), ("T", p)))
+    links = [edge(f"A{i}", f"A{j}", q[j] - q[i], rng.random() < directed) for i, j in pairs]
+    sensing = [edge(f"A{i}", f"T{k}", p[k] - q[i], False) for i, k in sensed]
+    return build_scenario(agents, seen, sensing, communication=links, **USUAL)
 
 
 def is_settled(scenario: Scenario) -> bool:
@@ -111,7 +100,7 @@ def is_settled(scenario: Scenario) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("directed", [0.0, 0.5])
-@pytest.mark.parametrize("seeds", [range(10), pytest.param(range(10, 260), marks=pytest.mark.slow)], ids=len)
+@pytest.mark.parametrize("seeds", [range(10), slow(range(10, 260))], ids=len)
 def test_the_rate_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, directed: float) -> None:
     """Rates agree with the law's own decay to 2 %; most random teams have one equilibrium near them."""
     decided = 0
@@ -120,21 +109,21 @@ def test_the_rate_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, dire
         if not is_settled(scenario):
             continue
         decided += 1
-        stated, measured = (-np.log(r) / PERIOD for r in (radius_of(scenario.system), factors(scenario).max()))
+        radii = loop_of(scenario.system.local).radius, factors(scenario).max()
+        stated, measured = (-np.log(radius) / PERIOD for radius in radii)
         assert stated == pytest.approx(measured, rel=0.02, abs=1e-6), seed
     assert decided >= 0.7 * len(seeds)
 
 
 @pytest.mark.parametrize("directed", [0.0, 0.5])
-@pytest.mark.parametrize("seeds", [range(6), pytest.param(range(6, 60), marks=pytest.mark.slow)], ids=len)
+@pytest.mark.parametrize("seeds", [range(6), slow(range(6, 60))], ids=len)
 def test_the_largest_gain_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, directed: float) -> None:
     """Small motions decay at 0.97 of the largest gain and grow at 1.03 of it."""
     for seed in seeds:
         scenario = random_team(seed, directed=directed)
         if not is_settled(scenario):
             continue
-        local = scenario.system.local
-        loop = loop_of(local)
+        loop = loop_of(scenario.system.local)
         if loop.stable_gains is None:
             assert factors(scenario).max() > 1.0, seed
             continue
@@ -143,7 +132,7 @@ def test_the_largest_gain_of_edges_that_do_not_fit_is_that_of_the_law(seeds: ran
         assert factors(scenario, 1.03 * limit, periods=4).max() > 1.0, seed
 
 
-@pytest.mark.parametrize("seeds", [range(15), pytest.param(range(15, 100), marks=pytest.mark.slow)], ids=len)
+@pytest.mark.parametrize("seeds", [range(15), slow(range(15, 100))], ids=len)
 def test_q_star_of_directed_teams_without_targets_is_near_a_shape_that_is_near(seeds: range) -> None:
     """Agents 2 cm from a shape that they keep have q* within 0.1 m, an equilibrium, and an error of that size."""
     for seed in seeds:
@@ -182,55 +171,38 @@ def test_the_largest_delay_is_that_of_the_characteristic_roots(values: list[comp
     assert [radius(delay) < 1.0 for delay in few] == [delay <= limit for delay in few]
 
 
-def between(gain: float, period: float = 0.02, **fields: Any) -> Scenario:
-    """An agent between two targets whose ranges are too short to meet; fields replace fields."""
-    return make_scenario(
-        {
-            "time": {"end": 5.0},
-            "controller": {"gain": gain, "control_period": period},
-            "agents": [{"id": "A", "position": [0.1, 0.3]}],
-            "targets": [{"id": "T1", "position": [-10, 0]}, {"id": "T2", "position": [10, 0]}],
-            "sensing": [{"between": ["A", f"T{k}"], "measures": "range", "offset": [5]} for k in (1, 2)],
-            **fields,
-        }
-    )
-
-
 def test_ranges_too_short_to_meet_hold_an_agent_between_them() -> None:
     """H is 2 along the line, and across it 2 (1 - r/|z|) = 1: check and run agree that nothing is free."""
-    record = check(between(1.0), trial=False)
+    sensing = [{"between": ["A", f"T{k}"], "measures": "range", "offset": [5]} for k in (1, 2)]
+    law, targets = {"gain": 1.0, "control_period": 0.02}, {"T1": [-10, 0], "T2": [10, 0]}
+    between = build_scenario({"A": [0.1, 0.3]}, targets, sensing, time={"end": 5.0}, controller=law)
+    record = analyse(between)
     assert record["ok"]
-    assert record["rigidity"]["localizable"] is True
-    assert record["rigidity"]["rate"] == pytest.approx(1.0, rel=1e-9)
+    assert pick(record, "rigidity.localizable", "rigidity.rate") == (True, pytest.approx(1.0, rel=1e-9))
     assert record["law"]["spectral_radius"] == pytest.approx(0.98, rel=1e-9)
     assert record["relative_cohomology"]["dimension"] == 0
-    run = simulate(between(1.0), backend="ideal")
+    run = simulate(between, backend="ideal")
     assert run.agent_position.values[-1, 0, 1] == pytest.approx(0.3 * 0.98**250, rel=1e-3)
+
+
+PLACES = {"T0": [0.1, 8.1], "T1": [-8.2, -9.1], "T2": [6.3, -8.4]}
 
 
 def three_ranges(gain: float, **fields: Any) -> Scenario:
     """An agent with ranges to three targets that do not fit together; fields replace fields."""
-    targets = [[0.1, 8.1], [-8.2, -9.1], [6.3, -8.4]]
-    ranges = [16.4, 0.7, 17.2]
-    return make_scenario(
-        {
-            "time": {"end": 60.0},
-            "controller": {"gain": gain, "control_period": 0.1},
-            "agents": [{"id": "A", "position": [-9.3, -7.1]}],
-            "targets": [{"id": f"T{k}", "position": x} for k, x in enumerate(targets)],
-            "sensing": [{"between": ["A", f"T{k}"], "measures": "range", "offset": [r]} for k, r in enumerate(ranges)],
-            **fields,
-        }
-    )
+    ranges = (16.4, 0.7, 17.2)
+    sensing = [{"between": ["A", f"T{k}"], "measures": "range", "offset": [r]} for k, r in enumerate(ranges)]
+    usual = {"time": {"end": 60.0}, "controller": {"gain": gain, "control_period": 0.1}}
+    return make_scenario({**make_fields({"A": [-9.3, -7.1]}, PLACES, sensing, **usual), **fields})
 
 
 def test_runs_converge_up_to_the_largest_gain_of_ranges_that_do_not_fit() -> None:
     """The largest gain is 9.275 1/s: a run at 0.97 of it ends at q*, and one at 1.03 of it does not."""
-    limit = check(three_ranges(1.0), trial=False)["law"]["largest_gain"]
+    limit = analyse(three_ranges(1.0))["law"]["largest_gain"]
     assert limit == pytest.approx(9.274966, abs=1e-5)
-    assert check(three_ranges(1.0), trial=False)["margins"]["hold"]["largest_gain"] == pytest.approx(limit, rel=1e-6)
+    assert analyse(three_ranges(1.0))["margins"]["hold"]["largest_gain"] == pytest.approx(limit, rel=1e-6)
     for share, settles in ((0.97, True), (1.03, False)):
-        assert check(three_ranges(share * limit), trial=False)["law"]["stable"] is settles
+        assert analyse(three_ranges(share * limit))["law"]["stable"] is settles
         error = simulate(three_ranges(share * limit), backend="ideal").tracking_error.values[-1]
         assert (error < 1e-3) == settles
 
@@ -242,22 +214,18 @@ def test_noise_of_ranges_that_do_not_fit_is_that_of_a_run(delay: float) -> None:
     scenario = three_ranges(2.0, links=links, time={"end": 2000.0})
     x = simulate(scenario, backend="ideal").agent_position.values[500:, 0, :2]
     measured = np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean())
-    assert check(scenario, trial=False)["links"]["noise_rms"] == pytest.approx(measured, rel=0.05)
+    assert analyse(scenario)["links"]["noise_rms"] == pytest.approx(measured, rel=0.05)
 
 
 def test_stress_holds_a_shape_that_its_ranges_alone_do_not() -> None:
     """Cables around a square pull it against its diagonal struts: rank 5 of 5 by the law, as its motions have."""
-    places = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]
-    edges = [(i, j, 3.5 if (j - i) % 2 else 6.0) for i, j in itertools.combinations(range(4), 2)]
-    scenario = make_scenario(
-        {
-            "time": {"end": 1.0},
-            "controller": {"gain": GAIN, "control_period": PERIOD},
-            "agents": [{"id": f"A{k}", "position": x} for k, x in enumerate(places)],
-            "communication": [{"between": [f"A{i}", f"A{j}"], "measures": "range", "offset": [r]} for i, j, r in edges],
-        }
-    )
-    record = check(scenario, trial=False)
+    places = {"A0": [0.0, 0.0], "A1": [4.0, 0.0], "A2": [4.0, 4.0], "A3": [0.0, 4.0]}
+    edges = [
+        {"between": [f"A{i}", f"A{j}"], "measures": "range", "offset": [3.5 if (j - i) % 2 else 6.0]}
+        for i, j in itertools.combinations(range(4), 2)
+    ]
+    scenario = build_scenario(places, {}, [], communication=edges, **USUAL)
+    record = analyse(scenario)
     assert (record["rigidity"]["rank"], record["rigidity"]["needed"]) == (5, 5)
     assert record["ok"]
     moving = np.sort(factors(scenario))[:-3]
@@ -269,49 +237,24 @@ def test_ranges_on_a_line_are_not_rigid(seed: int) -> None:
     """Three agents on a line in any direction have rank 2 of 3, from starts off the line."""
     rng = np.random.default_rng(seed)
     places = np.outer(np.sort(rng.uniform(0.0, 9.0, 3)), rng.normal(size=2)) + rng.uniform(-5.0, 5.0, 2)
-    ids = ["A", "B", "C"]
     start = places + rng.normal(scale=0.3, size=places.shape)
-    record = check(
-        make_scenario(
-            {
-                "time": {"end": 1.0},
-                "controller": {"gain": GAIN, "control_period": PERIOD},
-                "agents": [{"id": id, "position": x} for id, x in zip(ids, start.tolist(), strict=True)],
-                "communication": [
-                    {"between": list(pair), "measures": "range"} for pair in itertools.combinations(ids, 2)
-                ],
-                "formations": [{"name": "f", "shape": "explicit", "members": ids, "displacements": places.tolist()}],
-            }
-        ),
-        trial=False,
-    )
+    links = [{"between": [*pair], "measures": "range"} for pair in itertools.combinations("ABC", 2)]
+    formation = {"name": "f", "shape": "explicit", "members": [*"ABC"], "displacements": places.tolist()}
+    agents = dict(zip("ABC", start.tolist(), strict=True))
+    record = analyse(make_fields(agents, {}, [], communication=links, formations=[formation], **USUAL))
     assert (record["rigidity"]["rank"], record["rigidity"]["needed"]) == (2, 3)
     assert not record["ok"]
 
 
 def test_the_vehicles_loop_of_a_directed_team_is_that_of_its_eigenvalues() -> None:
     """A chain that looks ahead has the eigenvalues of agents that each look at a target with the same weight."""
-    agents = [{"id": id, "position": [x, 0.0]} for id, x in (("A", 0), ("B", 1), ("C", 2))]
-    common: dict[str, Any] = {
-        "controller": {"gain": 1.0, "control_period": 0.05},
-        "agents": agents,
-        "time": {"end": 5.0},
-    }
-    targets = [{"id": "T", "position": [0.0, 1.0]}]
+    agents, targets = {"A": [0.0, 0.0], "B": [1.0, 0.0], "C": [2.0, 0.0]}, {"T": [0.0, 1.0]}
+    common: dict[str, Any] = {"controller": {"gain": 1.0, "control_period": 0.05}, "time": {"end": 5.0}}
     ahead = [{"between": ["B", "A"], "directed": True, "weight": 2.0}, {"between": ["C", "B"], "directed": True}]
-    chain = make_scenario(
-        {**common, "targets": targets, "communication": ahead, "sensing": [{"between": ["A", "T"], "weight": 3.0}]}
-    )
-    weights = [("A", 3.0), ("B", 2.0), ("C", 1.0)]
-    alone = make_scenario(
-        {
-            **common,
-            "targets": targets,
-            "communication": [],
-            "sensing": [{"between": [id, "T"], "weight": w} for id, w in weights],
-        }
-    )
-    found, expected = (check(scenario, trial=False)["margins"]["bodies"] for scenario in (chain, alone))
+    seen = [{"between": [id, "T"], "weight": weight} for id, weight in (("A", 3.0), ("B", 2.0), ("C", 1.0))]
+    chain = build_scenario(agents, targets, seen[:1], communication=ahead, **common)
+    alone = build_scenario(agents, targets, seen, **common)
+    found, expected = (analyse(scenario)["margins"]["bodies"] for scenario in (chain, alone))
     assert found["stable"]
     assert found["spectral_radius"] == pytest.approx(expected["spectral_radius"], rel=1e-6)
     assert found["largest_gain"] == pytest.approx(expected["largest_gain"], rel=2e-3)
@@ -320,7 +263,7 @@ def test_the_vehicles_loop_of_a_directed_team_is_that_of_its_eigenvalues() -> No
 def test_the_largest_eigenvalue_gives_the_largest_gain_of_check() -> None:
     """One answer for a directed team and for ranges that do not fit."""
     for scenario in (random_team(1, misfit=0.0, directed=0.5), three_ranges(2.0), random_team(2, directed=0.5)):
-        limit = check(scenario, trial=False)["law"]["largest_gain"]
+        limit = analyse(scenario)["law"]["largest_gain"]
         assert limit == pytest.approx(
             2.0 / (scenario.system.grid.period * scenario.system.largest_eigenvalue), rel=1e-9
         )
@@ -332,21 +275,19 @@ BEARINGS = [[0.6, 0.8], [0.0, -1.0], [1.0, 0.0]]
 def three_bearings(gain: float, **fields: Any) -> Scenario:
     """An agent with bearings to three targets that do not fit together; fields replace fields."""
     sensing = [{"between": ["A", f"T{k}"], "measures": "bearing", "offset": g} for k, g in enumerate(BEARINGS)]
-    return three_ranges(gain, **{"sensing": sensing, "agents": [{"id": "A", "position": [-1.0, -2.0]}], **fields})
+    return three_ranges(gain, **{"sensing": sensing, "agents": list_members({"A": [-1.0, -2.0]}), **fields})
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scenario", [three_ranges, three_bearings])
 def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: Any) -> None:
     """Targets sway by 5 cm: q* moves by the law's H^-1 B, and the error is that of its loop, to 1 %."""
-    places = [[0.1, 8.1], [-8.2, -9.1], [6.3, -8.4]]
     sway: dict[str, Any] = {"kind": "lissajous", "amplitude": [0.05, 0.05], "rate": [0.5, 0.7]}
-    targets: list[dict[str, Any]] = [
-        {"id": f"T{k}", "position": x, "motion": sway | {"phase": [float(k), 1.0]}} for k, x in enumerate(places)
-    ]
-    moving = scenario(3.0, targets=targets)
+    motions = [sway | {"phase": [float(k), 1.0]} for k in range(3)]
+    targets = {id: {"position": PLACES[id], "motion": motion} for id, motion in zip(PLACES, motions, strict=True)}
+    moving = scenario(3.0, targets=list_members(targets))
     error = simulate(moving, backend="ideal").tracking_error.values[300:]
-    assert check(moving, trial=False)["steady"]["ideal"] == pytest.approx(np.sqrt((error**2).mean()), rel=0.01)
+    assert analyse(moving)["steady"]["ideal"] == pytest.approx(np.sqrt((error**2).mean()), rel=0.01)
 
 
 @pytest.mark.long
@@ -355,25 +296,15 @@ def test_the_vehicles_loop_of_bearings_that_do_not_fit_is_that_of_a_run_on_bodie
     error = simulate(three_bearings(8.0), backend="physics").tracking_error.values[:, 0]
     first, last = (int(np.argmax(error < size)) for size in (1e-3, 1e-6))
     measured = np.log(error[last] / error[first]) / (last - first)
-    bodies = check(three_bearings(8.0), trial=False)["margins"]["bodies"]
+    bodies = analyse(three_bearings(8.0))["margins"]["bodies"]
     assert np.log(bodies["spectral_radius"]) == pytest.approx(measured, rel=0.01)
 
 
 def test_edges_that_are_directed_both_ways_are_those_of_one_edge() -> None:
     """Two one-way edges pull as one that both ends measure: the rate, the gain and the delay margin are its own."""
-    places = [[0.0, 0.0], [3.0, 1.0]]
-    fields: dict[str, Any] = {
-        "time": {"end": 1.0},
-        "controller": {"gain": GAIN, "control_period": PERIOD},
-        "agents": [{"id": f"A{k}", "position": x} for k, x in enumerate(places)],
-        "targets": [{"id": "T", "position": [5.0, 0.0]}],
-        "sensing": [{"between": ["A0", "T"]}],
-    }
+    fields = make_fields({"A0": [0.0, 0.0], "A1": [3.0, 1.0]}, {"T": [5.0, 0.0]}, [["A0", "T"]], **USUAL)
     ways = [{"between": ["A0", "A1"], "directed": True}, {"between": ["A1", "A0"], "directed": True}]
-    both, one = (
-        check(make_scenario({**fields, "communication": edges}), trial=False)
-        for edges in (ways, [{"between": ["A0", "A1"]}])
-    )
+    both, one = (analyse({**fields, "communication": edges}) for edges in (ways, [["A0", "A1"]]))
     for name in ("spectral_radius", "largest_gain"):
         assert both["law"][name] == pytest.approx(one["law"][name], rel=1e-9)
     assert both["links"]["delay_margin"] == pytest.approx(one["links"]["delay_margin"])

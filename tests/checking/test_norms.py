@@ -14,7 +14,9 @@ import pytest
 import xarray as xr
 
 import mjsheaf
-from tests.commands import call
+from tests.builders import make_fields
+from tests.commands import Capture, call
+from tests.running import analyse, rms_error
 
 ERRORS = {"radius", "radius_U", "initial_error", "between", "largest", "unlimited", "noise_rms", "error", "mean"}
 ERRORS |= {"bound", "jump", "tracking_error"}
@@ -47,7 +49,7 @@ def test_every_error_of_check_states_its_norm(name: str, changes: dict[str, Any]
     scenario = mjsheaf.load_scenario(name, changes)
     root = np.sqrt(len(scenario.team.agents))
     found = set()
-    for field, record in records(mjsheaf.check(scenario, trial=False)):
+    for field, record in records(analyse(scenario)):
         if field in NOT_IN_METRES or not (errors := errors_of(record)):
             continue
         assert record["norm"] in ("per_agent_rms", "team_norm"), field
@@ -60,7 +62,7 @@ def test_every_error_of_check_states_its_norm(name: str, changes: dict[str, Any]
 
 
 @pytest.mark.slow
-def test_every_error_of_a_run_states_its_norm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_error_of_a_run_states_its_norm(tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     events = '--set=events=[{"time": 0.5, "set": {"controller.gain": 3.0}}]'
     options = ("--backend", "ideal", "--no-video", "--set", "time.end=1", events)
@@ -76,43 +78,39 @@ def test_every_error_of_a_run_states_its_norm(tmp_path: Path, capsys: pytest.Cap
     assert summary["final"]["tracking_error"] == pytest.approx(float(np.sqrt((last**2).mean())), rel=1e-12)
 
 
-def test_the_noise_of_check_is_that_of_runs_in_the_same_measure(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_noise_of_check_is_that_of_runs_in_the_same_measure(capsys: Capture) -> None:
     """The finding: 0.2805 m by `check`, 0.1256 m by the run, of one and the same team."""
     ids = [f"A{k}" for k in range(5)]
-    raw = {
-        "name": "noisy",
-        "time": {"end": 60},
-        "controller": {"gain": 2.0, "control_period": 0.05},
-        "physics": {"timestep": 0.05},
-        "agents": [{"id": id, "position": [float(k), 0.0]} for k, id in enumerate(ids)],
-        "targets": [{"id": "T", "position": [2.0, 0.0]}],
-        "communication": [list(pair) for pair in itertools.pairwise(ids)],
-        "sensing": [["A0", "T"], ["A4", "T"]],
-        "links": {"all": {"noise": 0.3}},
-    }
-    links = mjsheaf.check(mjsheaf.load_scenario(raw), trial=False)["links"]
+    raw = make_fields(
+        {id: [float(k), 0.0] for k, id in enumerate(ids)},
+        {"T": [2.0, 0.0]},
+        [["A0", "T"], ["A4", "T"]],
+        time={"end": 60},
+        controller={"gain": 2.0, "control_period": 0.05},
+        physics={"timestep": 0.05},
+        communication=[list(pair) for pair in itertools.pairwise(ids)],
+        links={"all": {"noise": 0.3}},
+    )
+    links = analyse(raw)["links"]
     assert links["norm"] == "team_norm"
-    squares = []
-    for seed in range(4):
-        run = mjsheaf.simulate(mjsheaf.load_scenario(raw | {"seed": seed}), backend="ideal")
-        squares.append(float((run.tracking_error.values[400:] ** 2).mean()))
-    assert links["noise_rms_per_agent"] == pytest.approx(np.sqrt(np.mean(squares)), rel=0.1)
+    runs = [mjsheaf.simulate(mjsheaf.load_scenario(raw | {"seed": seed}), backend="ideal") for seed in range(4)]
+    rms = np.sqrt(np.mean([rms_error(run)[400:] ** 2 for run in runs]))
+    assert links["noise_rms_per_agent"] == pytest.approx(rms, rel=0.1)
     assert links["noise"]["error_per_agent"] == links["noise_rms_per_agent"]
     assert links["noise_rms"] == pytest.approx(np.sqrt(5.0) * links["noise_rms_per_agent"], rel=1e-12)
 
 
-def test_the_terminal_gives_the_rms_and_calls_the_norm_one(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_terminal_gives_the_rms_and_calls_the_norm_one(capsys: Capture) -> None:
     assert call("check", "certified", "--no-trial", "--full") == 0
     printed = capsys.readouterr().out
-    theorem = mjsheaf.check(mjsheaf.load_scenario("certified"), trial=False)["theorem"]
+    theorem = analyse("certified")["theorem"]
     assert f"the error ends below {theorem['radius_U_per_agent']:.3g} m (RMS over agents)" in " ".join(printed.split())
     assert f"{theorem['radius_U']:.5g} (RMS {theorem['radius_U_per_agent']:.5g})" in printed
 
 
 def test_no_run_exceeds_the_radius_per_agent() -> None:
-    record = mjsheaf.check(mjsheaf.load_scenario("steady_current", {"controller.integral": None}), trial=False)
-    run = mjsheaf.simulate(mjsheaf.load_scenario("steady_current", {"controller.integral": None}), backend="ideal")
-    rms = np.sqrt((run.tracking_error.values**2).mean(axis=1))
+    scenario = mjsheaf.load_scenario("steady_current", {"controller.integral": None})
+    record, rms = analyse(scenario), rms_error(mjsheaf.simulate(scenario, backend="ideal"))
     half = len(rms) // 2
     assert rms[half:].max() <= record["law"]["radius_per_agent"]
     assert rms.max() <= record["law"]["largest_per_agent"]

@@ -10,9 +10,11 @@ from typing import Any
 
 import pytest
 
-from mjsheaf import check
-from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
+from mjsheaf.scenario import Scenario, load_scenario
+from tests.builders import build_scenario
 from tests.oracles.linearised_run import spectral_radius
+from tests.running import analyse
+from tests.strategies import slow
 
 TERMS: dict[str, dict[str, Any]] = {
     "newton": {"newton": {"rounds": 2}},
@@ -27,38 +29,23 @@ ALIKE = {"all": {"delay": 0.2}}
 UNLIKE = {"sensing": {"delay": 0.3}, "communication": {"delay": 0.1}}
 
 
-def slow(value: Any) -> Any:
-    """Mark a parameter as one for the slow tests."""
-    return pytest.param(value, marks=pytest.mark.slow)
-
-
 def team(
     terms: tuple[str, ...] = (), gain: float = GAIN, vehicle: str = "hull", links: Mapping[str, Any] | None = None
 ) -> Scenario:
     """Return two agents in still water; each senses a target at rest, and both compare their positions."""
-    return scenario_from_mapping(
-        {
-            "name": "pair",
-            "time": {"end": 1000.0},
-            "controller": {
-                "gain": gain,
-                "control_period": 0.1,
-                **{k: v for term in terms for k, v in TERMS[term].items()},
-            },
-            "agents": [
-                {"id": "A1", "position": [-6.0, 2.0], "heading": 20.0},
-                {"id": "A2", "position": [7.0, -3.0], "heading": 160.0},
-            ],
-            "targets": [
-                {"id": "T1", "position": [-10.0, 5.0], "motion": {"kind": "static"}},
-                {"id": "T2", "position": [12.0, -6.0], "motion": {"kind": "static"}},
-            ],
-            "communication": [{"between": ["A1", "A2"], "weight": [[0.5, 0.1], [0.1, 0.7]], "offset": [-4.0, 1.0]}],
-            "sensing": [["A1", "T1"], ["A2", "T2"]],
-            "vehicles": {"agents": vehicle, "targets": vehicle},
-            "physics": {"timestep": 0.01},
-            "links": links or {},
-        }
+    law = {"gain": gain, "control_period": 0.1} | {name: value for term in terms for name, value in TERMS[term].items()}
+    at_rest = {"motion": {"kind": "static"}}
+    link = {"between": ["A1", "A2"], "weight": [[0.5, 0.1], [0.1, 0.7]], "offset": [-4.0, 1.0]}
+    return build_scenario(
+        {"A1": {"position": [-6.0, 2.0], "heading": 20.0}, "A2": {"position": [7.0, -3.0], "heading": 160.0}},
+        {"T1": {"position": [-10.0, 5.0], **at_rest}, "T2": {"position": [12.0, -6.0], **at_rest}},
+        [["A1", "T1"], ["A2", "T2"]],
+        time={"end": 1000.0},
+        controller=law,
+        communication=[link],
+        vehicles={"agents": vehicle, "targets": vehicle},
+        physics={"timestep": 0.01},
+        links=links or {},
     )
 
 
@@ -83,7 +70,7 @@ def compare_with_runs(
 @pytest.mark.parametrize("terms", [*map(slow, COMBINATIONS[:-1]), COMBINATIONS[-1]])
 def test_ideal(terms: tuple[str, ...]) -> None:
     """The law's loop on ideal kinematics is that of runs, with any terms."""
-    law = check(team(terms), trial=False)["law"]
+    law = analyse(team(terms))["law"]
     compare_with_runs(law, "ideal", GAIN, terms=terms)
 
 
@@ -91,7 +78,7 @@ def test_ideal(terms: tuple[str, ...]) -> None:
 @pytest.mark.parametrize("links", [ALIKE, slow(UNLIKE)])
 def test_delay(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
     """The loop with delays of all edges alike, or of each kind by itself, is that of runs."""
-    delay = check(team(terms, links=links), trial=False)["links"]["delay"]
+    delay = analyse(team(terms, links=links))["links"]["delay"]
     compare_with_runs(delay, "ideal", GAIN, terms=terms, links=links)
 
 
@@ -99,7 +86,7 @@ def test_delay(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
 @pytest.mark.parametrize("links", [slow({}), ALIKE])
 def test_bodies(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
     """The vehicles' loop is that of runs on bodies, with any terms and delays."""
-    loop = check(team(terms, links=links), trial=False)["margins"]["bodies"]
+    loop = analyse(team(terms, links=links))["margins"]["bodies"]
     compare_with_runs(loop, "physics", GAIN, terms=terms, links=links)
 
 
@@ -107,5 +94,5 @@ def test_bodies(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
 @pytest.mark.parametrize("terms", [(), ("drift",), ("feedforward",)])
 def test_boats(terms: tuple[str, ...]) -> None:
     """The loop of boats whose thrusters lag is that of runs on bodies."""
-    loop = check(team(terms, gain=0.05, vehicle="wamv"), trial=False)["margins"]["bodies"]
+    loop = analyse(team(terms, gain=0.05, vehicle="wamv"))["margins"]["bodies"]
     compare_with_runs(loop, "physics", 0.05, 10.0 * SETTLING, terms=terms, vehicle="wamv")

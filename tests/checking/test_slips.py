@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 import yaml
 
-from mjsheaf import check, load_scenario
+from mjsheaf import load_scenario
 from mjsheaf.scenario import list_scenarios
 from mjsheaf.scenario.slips import slips_of, slips_of_vehicle
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import REPOSITORY
 from tests.commands import answer_of, call
+from tests.running import analyse
 
 
 @pytest.fixture
@@ -35,7 +36,7 @@ def weak(tmp_path: Path) -> Path:
 
 def test_check_notes_a_lean_that_the_thrust_does_not_carry(weak: Path) -> None:
     path = weak / "mine.yaml"
-    slips = check(load_scenario(path), trial=False)["notes"]
+    slips = analyse(path)["notes"]
     assert any("a lean of 80 degrees takes weak" in slip for slip in slips)
     shown = " ".join(answer_of("check", str(path), "--no-trial").out.split())
     assert "note: " in shown

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import mjsheaf
-from tests.builders import make_scenario
+from tests.builders import list_members, make_fields, make_scenario
+from tests.running import analyse
 
 
 def measured(scenario: Any, backend: str) -> float:
@@ -31,7 +32,7 @@ def measured(scenario: Any, backend: str) -> float:
 )
 def test_ideal_kinematics_make_what_is_predicted(controller: dict[str, Any]) -> None:
     scenario = mjsheaf.load_scenario("midpoint", controller)
-    steady = mjsheaf.check(scenario, trial=False)["steady"]
+    steady = analyse(scenario)["steady"]
     assert steady["norm"] == "per_agent_rms"
     assert steady["exact_links"]
     assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=0.01)
@@ -43,38 +44,31 @@ def test_ideal_kinematics_make_what_is_predicted(controller: dict[str, Any]) -> 
 )
 def test_shipped_scenarios_make_what_is_predicted(name: str) -> None:
     scenario = mjsheaf.load_scenario(name)
-    steady = mjsheaf.check(scenario, trial=False)["steady"]
+    steady = analyse(scenario)["steady"]
     assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=0.02)
     assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.15)
 
 
 def slow(**fields: Any) -> Any:
     """Return two agents far from their places about a target that swings, with a loop of 10 s and a run of 30 s."""
-    return make_scenario(
-        {
-            "time": {"end": 30.0},
-            "controller": {"gain": 0.1, "control_period": 0.05} | fields.pop("controller", {}),
-            "agents": [{"id": "A", "position": [-12, 4]}, {"id": "B", "position": [3, -20]}],
-            "targets": [
-                {
-                    "id": "T",
-                    "position": [0, 0],
-                    "motion": {"kind": "lissajous", "amplitude": [1, 2], "rate": [0.3, 0.2]},
-                }
-            ],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"], {"between": ["B", "T"], "offset": [2, 0]}],
-            "physics": {"timestep": 0.05, "contacts": False},
-            **fields,
-        }
+    law = {"gain": 0.1, "control_period": 0.05} | fields.pop("controller", {})
+    swings = {"kind": "lissajous", "amplitude": [1, 2], "rate": [0.3, 0.2]}
+    usual = make_fields(
+        {"A": [-12, 4], "B": [3, -20]},
+        {"T": {"position": [0, 0], "motion": swings}},
+        [["A", "T"], {"between": ["B", "T"], "offset": [2, 0]}],
+        communication=[["A", "B"]],
+        time={"end": 30.0},
+        controller=law,
+        physics={"timestep": 0.05, "contacts": False},
     )
+    return make_scenario(usual | fields)
 
 
 def test_what_is_left_of_the_initial_error_is_in_the_prediction() -> None:
     """A lone agent's error is (1 - k h)^n times its 10 m."""
-    agents = {"agents": [{"id": "A", "position": [0, 0]}], "communication": []}
-    still = {"targets": [{"id": "T", "position": [10, 0]}], "sensing": [["A", "T"]]}
-    steady = mjsheaf.check(slow(**agents, **still), trial=False)["steady"]
+    members = {"agents": list_members({"A": [0, 0]}), "targets": list_members({"T": [10, 0]})}
+    steady = analyse(slow(**members, communication=[], sensing=[["A", "T"]]))["steady"]
     error = 10.0 * (1.0 - 0.1 * 0.05) ** np.arange(300, 601)
     assert steady["ideal"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
     assert steady["leaves_out"] == []
@@ -97,7 +91,7 @@ def test_what_is_left_of_the_initial_error_is_in_the_prediction() -> None:
 )
 def test_a_run_that_has_not_settled_makes_what_is_predicted(fields: dict[str, Any]) -> None:
     scenario = slow(**fields)
-    steady = mjsheaf.check(scenario, trial=False)["steady"]
+    steady = analyse(scenario)["steady"]
     assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=5e-3)
     assert steady["ideal"] > 0.5
     assert steady["leaves_out"] == []
@@ -106,7 +100,7 @@ def test_a_run_that_has_not_settled_makes_what_is_predicted(fields: dict[str, An
 @pytest.mark.slow
 def test_bodies_that_have_not_settled_make_what_is_predicted() -> None:
     scenario = slow()
-    steady = mjsheaf.check(scenario, trial=False)["steady"]
+    steady = analyse(scenario)["steady"]
     assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.03)
 
 
@@ -114,32 +108,25 @@ def test_bodies_that_have_not_settled_make_what_is_predicted() -> None:
 def test_what_boats_far_from_their_places_do_is_left_out_and_named() -> None:
     """Otters turn towards their places first, so that they arrive later than linear ones."""
     scenario = slow(vehicles={"agents": "otter"})
-    steady = mjsheaf.check(scenario, trial=False)["steady"]
+    steady = analyse(scenario)["steady"]
     assert steady["leaves_out"] == ["thrust limits", "turns of boats that hold no heading"]
     assert steady["bodies"] < measured(scenario, "physics")
     near = mjsheaf.load_scenario("otters")
-    assert mjsheaf.check(near, trial=False)["steady"]["leaves_out"] == []
+    assert analyse(near)["steady"]["leaves_out"] == []
 
 
 @pytest.mark.slow
 def test_limits_of_speed_are_named() -> None:
-    limited = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"controller.velocity_limit": 0.5}), trial=False)[
-        "steady"
-    ]
+    limited = analyse("midpoint", {"controller.velocity_limit": 0.5})["steady"]
     assert limited["limited"] == ["A1"]
-    assert (
-        mjsheaf.check(mjsheaf.load_scenario("midpoint", {"controller.velocity_limit": 50.0}), trial=False)["steady"][
-            "limited"
-        ]
-        == []
-    )
+    assert analyse("midpoint", {"controller.velocity_limit": 50.0})["steady"]["limited"] == []
 
 
 def test_what_is_not_known_has_a_reason() -> None:
-    steady = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"), trial=False)["steady"]
+    steady = analyse("air_tracks_surface")["steady"]
     assert steady["ideal"] is None
     assert "unique" in steady["reason"]
-    noisy = mjsheaf.check(mjsheaf.load_scenario("midpoint", {"links.all.noise": 0.1}), trial=False)["steady"]
+    noisy = analyse("midpoint", {"links.all.noise": 0.1})["steady"]
     assert not noisy["exact_links"]
     assert noisy["ideal"] > 0.0
     assert noisy["leaves_out"] == ["noise, delays and losses of links"]

@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mjsheaf.checking import examine
 from mjsheaf.checking.theorem import targets
 from mjsheaf.checking.theorem.constants import coarser, difference_along
 from mjsheaf.checking.theorem.flow_bounds import bound_slopes
 from mjsheaf.checking.theorem.targets import Carrier, Cells, follow_targets
 from mjsheaf.law.paths import Lissajous, Motion, Waypoints, pack_motions, reference_bounds
+from mjsheaf.loop.system import System
 from mjsheaf.media.varying import evaluate
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import field_of, flow_jacobian, mixed_scenario
+from tests.builders import build_scenario, field_of, flow_jacobian, mixed_scenario
 from tests.checking.adversarial import adversarial_scenario
 from tests.checking.oracle import Truth, solve
 
@@ -32,15 +34,19 @@ def _excess(cells: Cells, truth: Truth, drift: np.ndarray) -> tuple[float, float
     return float(away.max()), float((np.linalg.norm(drift - cells.drift[k], axis=2) - cells.spread[k]).max())
 
 
+def solved(seed: int) -> tuple[System, Truth, np.ndarray]:
+    """An adversarial team, the truth about it, and the velocity of its targets without their disturbance."""
+    raw = adversarial_scenario(seed)
+    system, truth = scenario_from_mapping(raw).system, solve(raw)
+    return system, truth, truth.target_velocities - evaluate(system.harmonics[len(raw["agents"]) :], truth.time)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
-    raw = adversarial_scenario(seed)
-    system, truth = scenario_from_mapping(raw).system, solve(raw)
+    system, truth, drift = solved(seed)
     path = follow_targets(system)
     assert path.cells is not None
-    N = len(system.team.agents)
-    drift = truth.target_velocities - evaluate(system.harmonics[N:], truth.time)
     scale = float(np.abs(drift).max())
     away, off = _excess(path.cells, truth, drift)
     assert away <= 0.0
@@ -59,11 +65,9 @@ def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_bound_on_the_difference_is_never_exceeded_and_is_tight(seed: int) -> None:
-    raw = adversarial_scenario(seed)
-    system, truth = scenario_from_mapping(raw).system, solve(raw)
+    system, truth, drift = solved(seed)
     carrier = Carrier(system)
     difference = difference_along(system, follow_targets(system), carrier)
-    drift = truth.target_velocities - evaluate(system.harmonics[len(system.team.agents) :], truth.time)
     q_star = system.team.unpack(carrier.extend(truth.targets))
     own = np.stack([system.flows[system.field[i]].velocity(q_star[:, i]) for i in range(q_star.shape[1])], axis=1)
     n_q = system.team.dirichlet.H.shape[0]
@@ -75,11 +79,8 @@ def test_the_bound_on_the_difference_is_never_exceeded_and_is_tight(seed: int) -
 def test_the_bound_on_the_difference_is_tight_where_agents_meet_what_targets_do_not() -> None:
     """A target is carried 2.5 m a sample across a jet 0.05 m wide, which its agent alone meets."""
     jet = {"centre": [11.3, 0.0], "direction": [0.0, 1.0], "beta": 2.0, "width": 0.05, "length": 1e9}
-    raw = _moving(
-        controller={"gain": 1.0, "control_period": 0.5},
-        flow={"targets": {"dimension": 2, "drift": [5.0, 0.0]}, "agents": {"dimension": 2, "channels": [jet]}},
-    )
-    system = scenario_from_mapping(raw).system
+    flow = {"targets": {"dimension": 2, "drift": [5.0, 0.0]}, "agents": {"dimension": 2, "channels": [jet]}}
+    system = _moving(controller={"gain": 1.0, "control_period": 0.5}, flow=flow)
     bound = difference_along(system, follow_targets(system), Carrier(system)).bound
     largest = np.hypot(5.0, 2.0)  # at the jet's centre, across the drift
     assert largest <= bound <= 1.002 * largest
@@ -102,35 +103,27 @@ def test_of_a_map_that_is_too_large_to_store_norms_bound_the_blocks(monkeypatch:
     assert np.isfinite(large.spread(radii, slopes, moves)).all()
 
 
-def _moving(**changes: Any) -> dict[str, Any]:
-    return {
-        "name": "moving",
-        "time": {"end": 20.0},
-        "controller": {"gain": 1.0, "control_period": 0, "record_period": 0.1},
-        "agents": [{"id": "A", "position": [0.0, 0.0]}],
-        "targets": [{"id": "T", "position": [0.0, 0.0]}],
-        "sensing": [["A", "T"]],
-        **changes,
-    }
+def _moving(target: dict[str, Any] | None = None, **changes: Any) -> System:
+    """An agent and a target that begin at the origin, with a continuous law; fields replace fields."""
+    law = {"gain": 1.0, "control_period": 0, "record_period": 0.1}
+    place = {"position": [0.0, 0.0], **(target or {})}
+    usual = {"time": {"end": 20.0}, "controller": law}
+    return build_scenario({"A": [0.0, 0.0]}, {"T": place}, [["A", "T"]], **{**usual, **changes}).system
 
 
 def test_a_path_that_takes_too_many_steps_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
     fast = {"kind": "lissajous", "amplitude": [1.0, 0.0], "rate": [50.0, 0.0], "phase": [0.0, 0.0]}
-    raw = _moving(targets=[{"id": "T", "position": [0.0, 0.0], "motion": fast}])
-    assert follow_targets(scenario_from_mapping(raw).system).warning == ""
+    assert follow_targets(_moving({"motion": fast})).warning == ""
     monkeypatch.setattr(targets, "MOST_STEPS", 1000)
-    path = follow_targets(scenario_from_mapping(raw).system)
+    path = follow_targets(_moving({"motion": fast}))
     assert path.cells is None
     assert "too long or too stiff" in path.warning
-    from mjsheaf.checking import examine
-
-    record = examine(scenario_from_mapping(raw).system).record
+    record = examine(_moving({"motion": fast})).record
     assert not record.ok
     assert [a.number for a in record.assumptions if a.verdict == "undecided"] == [7]
     assert not record.theorem.applies
     assert not record.theorem.gain_condition
-    assert record.theorem.chi_infinite is None
-    assert record.theorem.initial_error_inside_S is None
+    assert (record.theorem.chi_infinite, record.theorem.initial_error_inside_S) == (None, None)
     assert record.theorem.radius_U is None
     assert [problem.what for problem in record.problems] == ["assumption 7 is undecided"]
 
@@ -138,31 +131,22 @@ def test_a_path_that_takes_too_many_steps_is_not_known(monkeypatch: pytest.Monke
 def test_a_target_that_falls_into_a_pole_is_named_with_the_time() -> None:
     """x' = -a / x from x = r ends in the pole at r^2 / 2 a."""
     sink = {"dimension": 2, "core": 0, "sources": [{"centre": [0.3, 0.0], "alpha": -0.1}]}
-    path = follow_targets(scenario_from_mapping(_moving(flow={"targets": sink})).system)
+    path = follow_targets(_moving(flow={"targets": sink}))
     assert path.cells is None
     assert "T cannot be followed beyond t = 0.45 s: it runs into a singularity" in path.warning
 
 
 @pytest.mark.parametrize("place", [0.0, 1e-9, 0.005, 3.0])
 def test_a_target_at_rest_is_known_however_near_the_origin(place: float) -> None:
-    path = follow_targets(scenario_from_mapping(_moving(targets=[{"id": "T", "position": [place, 0.0]}])).system)
+    path = follow_targets(_moving({"position": [place, 0.0]}))
     assert path.warning == ""
     assert path.cells is not None
 
 
 def test_a_motion_that_is_too_fast_for_so_late_a_time_is_not_known() -> None:
     """At 1e6 s the phase of 1000 rad/s is good to 1e-7 rad; there is no singularity anywhere."""
-    scenario: dict[str, Any] = {
-        "name": "late",
-        "time": {"start": 1e6, "end": 1e6 + 1.0},
-        "controller": {"gain": 4.0, "control_period": 0, "record_period": 0.05},
-        "agents": [{"id": "A", "position": [0.0, 0.0]}],
-        "targets": [{"id": "T", "position": [0.0, 0.0]}],
-        "sensing": [["A", "T"]],
-    }
     motion = {"kind": "lissajous", "amplitude": [1.0, 0.5], "rate": [1e3, 1.3e3], "phase": [0.3, 1.0]}
-    scenario["targets"][0]["motion"] = motion
-    path = follow_targets(scenario_from_mapping(scenario).system)
+    path = follow_targets(_moving({"motion": motion}, time={"start": 1e6, "end": 1e6 + 1.0}))
     assert path.cells is None
     assert "moves too fast for the resolution of floating-point time" in path.warning
 
@@ -172,8 +156,7 @@ def test_a_sensitive_path_is_not_known() -> None:
     """A target between two hyperbolic points of a strong flow: the last digit decides where it goes."""
     vortices = [{"centre": [x, y], "gamma": 100.0 * (-1) ** (x + y)} for x in range(-1, 3) for y in range(-1, 3)]
     flow = {"dimension": 2, "core": 0.2, "drift": [0.05, 0.03], "vortices": vortices}
-    raw = _moving(flow={"targets": flow}, disturbance={"targets": {"bound": 5.0}}, seed=1)
-    path = follow_targets(scenario_from_mapping(raw).system)
+    path = follow_targets(_moving(flow={"targets": flow}, disturbance={"targets": {"bound": 5.0}}, seed=1))
     assert path.cells is None
     assert "too sensitive" in path.warning
 

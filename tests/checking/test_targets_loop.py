@@ -11,33 +11,31 @@ import pytest
 
 import mjsheaf
 from mjsheaf.scenario import Scenario
-from tests.commands import call
+from tests.builders import make_fields, pick
+from tests.commands import Capture, call
+from tests.running import analyse
 
 
 def pulled(pull: float, **fields: Any) -> dict[str, Any]:
     """A target in a current, pulled back to its place once in 0.1 s, and a boat that follows it."""
-    return {
-        "name": "pulled",
-        "time": {"end": 1.5},
-        "controller": {"gain": 1, "control_period": 0.1},
-        "physics": {"timestep": 0.1},
-        "agents": [{"id": "A", "position": [0, 0]}],
-        "targets": [{"id": "T", "position": [0, 0], "motion": {"kind": "static", "pull": pull}}],
-        "sensing": [["A", "T"]],
-        "flow": {"targets": {"dimension": 2, "drift": [0.1, 0]}},
-    } | fields
+    usual = make_fields(
+        {"A": [0, 0]},
+        {"T": {"position": [0, 0], "motion": {"kind": "static", "pull": pull}}},
+        [["A", "T"]],
+        time={"end": 1.5},
+        controller={"gain": 1, "control_period": 0.1},
+        physics={"timestep": 0.1},
+        flow={"targets": {"dimension": 2, "drift": [0.1, 0]}},
+    )
+    return usual | fields
 
 
 def together(pull: float, gain: float) -> dict[str, Any]:
     """Three targets in a ring of consensus, two of them pulled to their places."""
     motions = [{"motion": {"kind": "static", "pull": pull}}, {"motion": {"kind": "static", "pull": 0.5 * pull}}, {}]
     targets = [{"id": f"T{k}", "position": [3.0 * k, float(k == 1)]} | motions[k] for k in range(3)]
-    return pulled(pull) | {
-        "targets": targets,
-        "sensing": [["A", f"T{k}"] for k in range(3)],
-        "target_edges": [["T0", "T1"], ["T1", "T2"], ["T2", "T0"]],
-        "target_formation": {"gain": gain},
-    }
+    ring, seen = [["T0", "T1"], ["T1", "T2"], ["T2", "T0"]], [["A", f"T{k}"] for k in range(3)]
+    return pulled(pull, targets=targets, sensing=seen, target_edges=ring, target_formation={"gain": gain})
 
 
 def positions(scenario: Scenario, backend: Any = "ideal") -> Any:
@@ -47,24 +45,17 @@ def positions(scenario: Scenario, backend: Any = "ideal") -> Any:
     return planar.reshape(len(planar), -1)
 
 
-def test_a_pull_that_diverges_under_the_hold_is_not_certified(
-    capsys: pytest.CaptureFixture[str], tmp_path: Any
-) -> None:
+def test_a_pull_that_diverges_under_the_hold_is_not_certified(capsys: Capture, tmp_path: Any) -> None:
     """The finding: "all 7 assumptions hold", a bound of 2e12 m and exit code 0, where pull times hold is 2.5."""
     path = tmp_path / "held_pull.yaml"
     path.write_text(json.dumps(pulled(25.0, time={"end": 8})))
     assert call("check", path, "--no-trial", "--json") == 1
     printed = capsys.readouterr()
     record = json.loads(printed.out)
-    assert record["ok"] is False
-    assert record["targets"]["stable"] is False
-    assert record["targets"]["product"] == pytest.approx(2.5)
-    assert record["targets"]["spectral_radius"] == pytest.approx(1.5)
-    assert record["targets"]["targets"] == ["T"]
-    assert record["targets"]["largest_period"] == pytest.approx(0.08)
-    assert record["targets"]["bodies"]["stable"] is False
-    assert record["law"]["radius"] is None
-    assert record["theorem"]["applies"] is False
+    assert pick(record, "ok", "targets.stable", "targets.product") == (False, False, pytest.approx(2.5))
+    assert pick(record, "targets.spectral_radius", "targets.targets") == (pytest.approx(1.5), ["T"])
+    assert pick(record, "targets.largest_period", "targets.bodies.stable") == (pytest.approx(0.08), False)
+    assert pick(record, "law.radius", "theorem.applies") == (None, False)
     assert record["assumptions"][6]["verdict"] == "fails"
     for words in ("pull of T", "2.5", "below 2", "control_period below 0.08 s", "motion.pull"):
         assert words in printed.err
@@ -74,22 +65,20 @@ def test_a_pull_that_diverges_under_the_hold_is_not_certified(
 
 def test_the_fix_that_is_named_is_one() -> None:
     changed = pulled(25.0, controller={"gain": 1, "control_period": 0.079}, physics={"timestep": 0.079})
-    record = mjsheaf.check(mjsheaf.load_scenario(changed | {"time": {"end": 1.58}}), trial=False)
+    record = analyse(changed | {"time": {"end": 1.58}})
     assert record["targets"]["stable"] is True
     assert record["law"]["radius"] is not None
     controller = {"gain": 1, "control_period": 0, "record_period": 0.1}
     continuous = pulled(25.0, controller=controller, physics={"timestep": 0.01})
-    record = mjsheaf.check(mjsheaf.load_scenario(continuous), trial=False)
-    assert record["ok"] is True
-    assert record["targets"]["product"] is None
-    assert record["targets"]["stable"] is True
+    record = analyse(continuous)
+    assert pick(record, "ok", "targets.product", "targets.stable") == (True, None, True)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pull", [3.0, 17.0, 19.9, 20.1, 25.0])
 def test_runs_grow_or_decay_by_the_factor(pull: float) -> None:
     scenario = mjsheaf.load_scenario(pulled(pull, time={"end": 3.0}))
-    targets = mjsheaf.check(scenario, trial=False)["targets"]
+    targets = analyse(scenario)["targets"]
     steps = np.abs(np.diff(positions(scenario)[:, 0]))
     assert steps[-1] / steps[-2] == pytest.approx(targets["spectral_radius"], rel=1e-3)
     assert targets["stable"] is bool(pull < 20.0)
@@ -100,7 +89,7 @@ def test_runs_grow_or_decay_by_the_factor(pull: float) -> None:
 def test_consensus_and_pull_act_together(pull: float, gain: float) -> None:
     """Neither 8 + 15 nor either alone decides: the largest eigenvalue of the sum does."""
     scenario = mjsheaf.load_scenario(together(pull, gain) | {"time": {"end": 12.0}})
-    targets = mjsheaf.check(scenario, trial=False)["targets"]
+    targets = analyse(scenario)["targets"]
     L = 3.0 * np.eye(3) - np.ones((3, 3))
     values = np.linalg.eigvalsh(gain * L + np.diag([pull, 0.5 * pull, 0.0]))
     assert targets["rate"] == pytest.approx(values[-1])
@@ -118,7 +107,7 @@ def test_targets_on_bodies(pull: float) -> None:
     fields = pulled(pull, time={"end": 4.0}, physics={"timestep": 0.01})
     fields["flow"] = {"targets": {"dimension": 2, "drift": [1e-6, 0.0]}}
     scenario = mjsheaf.load_scenario(fields)
-    bodies = mjsheaf.check(scenario, trial=False)["targets"]["bodies"]
+    bodies = analyse(scenario)["targets"]["bodies"]
     assert bodies["stable"] is bool(bodies["spectral_radius"] < 1.0)
     steps = np.abs(np.diff(positions(scenario, "physics")[:, 0]))
     growth = (steps[-6:].max() / steps[-26:-20].max()) ** (1.0 / 20.0)
@@ -128,10 +117,8 @@ def test_targets_on_bodies(pull: float) -> None:
 
 
 def test_targets_that_nothing_holds_are_none_of_it() -> None:
-    targets = mjsheaf.check(mjsheaf.load_scenario("certified"), trial=False)["targets"]
-    assert targets["rate"] == 0.0
-    assert targets["stable"] is True
-    assert targets["bodies"] is None
+    targets = analyse("certified")["targets"]
+    assert pick(targets, "rate", "stable", "bodies") == (0.0, True, None)
 
 
 @pytest.mark.parametrize("place", [0, 1])
@@ -139,6 +126,5 @@ def test_a_target_without_thrusters_beside_one_that_is_pulled(place: int) -> Non
     """A buoy drifts, in whichever place of the list it is, and leaves the loop of the other target as stable."""
     fields = pulled(5.0, physics={"timestep": 0.01}, sensing=[["A", "T"], ["A", "B"]])
     fields["targets"].insert(place, {"id": "B", "position": [3, 0], "vehicle": "buoy", "motion": {"kind": "static"}})
-    bodies = mjsheaf.check(mjsheaf.load_scenario(fields), trial=False)["targets"]["bodies"]
-    assert bodies["stable"] is True
-    assert bodies["spectral_radius"] == pytest.approx(1.0)
+    bodies = analyse(fields)["targets"]["bodies"]
+    assert pick(bodies, "stable", "spectral_radius") == (True, pytest.approx(1.0))

@@ -8,7 +8,10 @@ import pytest
 
 from mjsheaf import simulate
 from mjsheaf.checking import examine
-from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario import Scenario
+from tests.builders import build_scenario
+from tests.commands import Capture, call
+from tests.running import analyse
 
 DRIFT = 1.25  # m/s, which both agents must make up for to stay where they are
 
@@ -16,21 +19,18 @@ DRIFT = 1.25  # m/s, which both agents must make up for to stay where they are
 def stream(limits: tuple[float | None, float | None]) -> Scenario:
     """Two boats in a current about a target that stands still."""
     places = {"A": [1.0, 0.0], "B": [-1.0, 2.0]}
-    agents = [
-        {"id": i, "position": x} | ({"velocity_limit": limit} if limit else {})
-        for (i, x), limit in zip(places.items(), limits, strict=True)
-    ]
-    return scenario_from_mapping(
-        {
-            "name": "stream",
-            "time": {"end": 60},
-            "agents": agents,
-            "targets": [{"id": "T", "position": [0, 0]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"], ["B", "T"]],
-            "controller": {"gain": 2.0},
-            "flow": {"agents": {"dimension": 2, "drift": [0.75, -1.0]}},
-        }
+    agents = {
+        id: {"position": x} | ({"velocity_limit": limit} if limit else {})
+        for (id, x), limit in zip(places.items(), limits, strict=True)
+    }
+    return build_scenario(
+        agents,
+        {"T": [0, 0]},
+        [["A", "T"], ["B", "T"]],
+        communication=[["A", "B"]],
+        time={"end": 60},
+        controller={"gain": 2.0},
+        flow={"agents": {"dimension": 2, "drift": [0.75, -1.0]}},
     )
 
 
@@ -70,16 +70,9 @@ def test_one_that_is_outrun_on_a_circle_stays_within_it(limit: float) -> None:
     """Pure pursuit of a point on a circle of radius R at speed v ends on a circle of radius R top / v."""
     radius, rate = 2.0, 0.8
     place = {"amplitude": [radius, radius], "rate": [rate, rate], "phase": [np.pi / 2, 0.0]}
-    scenario = scenario_from_mapping(
-        {
-            "name": "circle",
-            "time": {"end": 60},
-            "controller": {"gain": 2.0, "velocity_limit": limit},
-            "agents": [{"id": "A", "position": [0, 0]}],
-            "targets": [{"id": "T", "position": [radius, 0], "motion": {"kind": "lissajous", "pull": 50.0, **place}}],
-            "sensing": [["A", "T"]],
-        }
-    )
+    target = {"position": [radius, 0], "motion": {"kind": "lissajous", "pull": 50.0, **place}}
+    law = {"gain": 2.0, "velocity_limit": limit}
+    scenario = build_scenario({"A": [0, 0]}, {"T": target}, [["A", "T"]], time={"end": 60}, controller=law)
     (demand,) = examine(scenario.system).record.margins.speed
     assert demand.steady is not None
     assert demand.steady == pytest.approx(radius * rate, rel=1e-2)  # its target's field pulls it within the circle
@@ -87,3 +80,25 @@ def test_one_that_is_outrun_on_a_circle_stays_within_it(limit: float) -> None:
     assert demand.deficit == pytest.approx(expected, rel=0.01)
     late = simulate(scenario, "ideal")["tracking_error"].values[-500:]
     assert demand.deficit < late.min()  # the law turns to where its target is, too, and slows down as it comes near
+
+
+@pytest.mark.long
+def test_the_speeds_of_a_vehicle_have_names(capsys: Capture) -> None:
+    """5.95, 5.28 and 3.85 m/s were three numbers for "a WAM-V": two vehicles, forward and in every direction."""
+    assert call("list", "--vehicles") == 0
+    rows: dict[str, list[str]] = {}
+    listed = capsys.readouterr().out
+    assert "all-way" in listed
+    for line in listed.splitlines():
+        if words := line.split():
+            rows.setdefault(words[0], words)  # the table comes first
+    assert rows["wamv"][-2:] == ["6.34", "5.95"]
+    assert rows["wamv_azimuth"][-2:] == ["5.28", "3.85"]
+    changes = {"vehicles.agents": "wamv_azimuth", "time.end": 2}
+    for speed in analyse("steady_current", changes)["margins"]["speed"]:
+        assert speed["able"] == pytest.approx(3.853, abs=1e-3)
+        assert speed["able_forward"] == pytest.approx(5.278, abs=1e-3)
+    options = [word for field, value in changes.items() for word in ("--set", f"{field}={value}")]
+    assert call("check", "steady_current", "--no-trial", "--full", *options) in (0, 1)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "3.853" in printed

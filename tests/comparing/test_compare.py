@@ -14,60 +14,36 @@ import pytest
 import yaml
 from matplotlib.figure import Figure
 
-from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
-from mjsheaf.comparing.page import WIDTH, report_text
+from mjsheaf.comparing.page import MAX_LINES, SCREEN_WIDTH, WIDTH, report_text, summary
 from mjsheaf.comparing.variants import ladder_of, run_ablation
-from mjsheaf.results import summarize
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.style import AS_USUAL
 from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames, VideoOptions, both_films, half_options
 from mjsheaf.video.overlay import Overlay
-from tests.builders import REPOSITORY, approx, two_boats
-from tests.commands import call
+from tests.builders import REPOSITORY, known, pick, two_boats
+from tests.commands import Capture, answer_of, call
 from tests.pictures import is_legible
 
 DATA = set(COMPARISON_FILES) - {"compare.mp4"}
 SHORT = ["--set", "time.end=1"]
 
 
-@pytest.fixture(scope="module")
-def record() -> CompareRecord:
-    return compare(two_boats("otter", "hull")).record
-
-
-@pytest.mark.slow
-def test_errors_of_a_rung_are_those_of_a_run(record: CompareRecord) -> None:
-    scenario = two_boats("otter", "hull")
-    for key, backend in (("ideal", "ideal"), ("all", "physics")):
-        expected = summarize(scenario.system.team, simulate(scenario, backend))
-        found = record.rung(key).errors
-        assert list(found) == ["team", "line"]
-        for scope, values in (("team", expected), ("line", expected["groups"]["line"])):
-            for name in ("tracking_error", "formation_error", "centering_error"):
-                assert approx(getattr(found[scope].final, name), rel=1e-9) == values[name]
-
-
-def test_budgets_sum_to_the_whole(record: CompareRecord) -> None:
+def test_budgets_are_of_the_errors_of_bodies(record: CompareRecord) -> None:
+    """That they sum up is tried in test_ladder.py."""
     for budget in record.budgets:
-        parts = [budget.ideal_m, budget.targets_m, budget.agents_m, budget.together_m, budget.interaction_m]
-        total = sum(x or 0.0 for x in [*parts, *(item.alone_m for item in budget.effects)])
-        assert approx(budget.all_m) == total
         errors = getattr(record.rung("all").errors[budget.scope], budget.statistic)
         assert budget.all_m == getattr(errors, budget.measure)
 
 
 @pytest.mark.slow
 def test_the_ideal_run_is_no_distance_from_itself(record: CompareRecord) -> None:
-    distance = record.rung("ideal").distance
-    assert distance is not None
+    distance = known(record.rung("ideal").distance)
     assert distance.distance_m == 0.0
     for rung in record.ladder[1:]:
-        assert rung.distance is not None
-        assert rung.distance_late is not None
-        assert rung.distance_late.distance_m <= rung.distance.distance_m
+        assert known(rung.distance_late).distance_m <= known(rung.distance).distance_m
 
 
 def test_the_page_has_everything_and_fits(record: CompareRecord) -> None:
@@ -105,7 +81,7 @@ def test_a_boat_that_a_bow_thruster_moves_abeam_is_named_with_that_speed() -> No
 
 
 @pytest.mark.slow
-def test_command_publishes_and_replaces_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_publishes_and_replaces_its_own(tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     for _ in range(2):
         assert call("compare", "midpoint", "--no-video", *SHORT, "--out", out) == 0
@@ -121,14 +97,14 @@ def test_command_publishes_and_replaces_its_own(tmp_path: Path, capsys: pytest.C
     jsonschema.validate(found, json.loads(capsys.readouterr().out))
 
 
-def test_command_leaves_what_is_not_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_leaves_what_is_not_its_own(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     assert call("compare", "midpoint", "--no-video", *SHORT, "--out", tmp_path) == 2
     assert "notes.txt" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_refuses_in_one_line(tmp_path: Path, capsys: Capture) -> None:
     for arguments, code in (
         (["air_tracks_surface"], 1),
         (["nowhere"], 2),
@@ -141,7 +117,7 @@ def test_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
-def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     diverging = ["--set", "controller.gain=200", "--set", "controller.control_period=0.02"]
     assert call("compare", "midpoint", "--no-video", *SHORT, *diverging, "--out", out) == 3
@@ -154,7 +130,7 @@ def test_a_blow_up_is_published_with_exit_code_3(tmp_path: Path, capsys: pytest.
 
 @pytest.mark.long
 def test_everything_else_is_there_before_the_video(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     """The video is a draft unless asked otherwise; compare.json names it once it is there."""
     out = tmp_path / "out"
@@ -185,8 +161,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
     assert call("compare", "midpoint", *SHORT, *small, "--out", out) == 0
     assert {p.name for p in out.iterdir()} == set(COMPARISON_FILES)
     meta = next(imageio_ffmpeg.read_frames(str(out / "compare.mp4")))
-    assert meta["size"] == (2 * 160 + 4, 120)
-    assert meta["fps"] == 4
+    assert pick(meta, "size", "fps") == ((2 * 160 + 4, 120), 4)
 
 
 def test_both_curves_of_the_video_have_one_axis() -> None:
@@ -248,3 +223,47 @@ def test_a_run_in_other_formats_may_be_replaced(tmp_path: Path) -> None:
     assert call(*run) == 0
     assert not list((tmp_path / "a").glob("*.svg"))
     assert len(list((tmp_path / "a").glob("*.png"))) == 3
+
+
+# -- the answer in a few lines -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], CompareRecord]:
+    """Return what `compare` prints, without its progress, and its record."""
+    out = tmp_path_factory.mktemp("compare") / "out"
+    answer = answer_of("compare", "midpoint", "--no-video", *SHORT, "--out", out)
+    assert answer.code == 0
+    record = CompareRecord.model_validate(json.loads((out / "compare.json").read_text()))
+    lines = answer.out.splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("midpoint: "))
+    return lines[first:], record
+
+
+@pytest.mark.slow
+def test_the_answer_is_a_few_lines_with_both_errors(published: tuple[list[str], CompareRecord]) -> None:
+    lines, record = published
+    assert len(lines) <= 20
+    ideal, bodies = (record.rung(key).errors["team"].late.tracking_error for key in ("ideal", "all"))
+    assert f"{ideal:.3g} m on ideal kinematics, {bodies:.3g} m on bodies (RMS over agents" in lines[1]
+    assert " ".join(record.verdict[0].split()) in " ".join(" ".join(lines).split())
+    assert sum("report.txt" in line for line in lines) >= 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [0, 1, 9])
+def test_a_long_verdict_is_cut_between_sentences(count: int, published: tuple[list[str], CompareRecord]) -> None:
+    sentences = [f"sentence {k} " + "is one of many " * 15 for k in range(count)]
+    lines = summary(published[1].model_copy(update={"verdict": sentences}))
+    assert len(lines) <= MAX_LINES
+    assert max(map(len, lines)) <= SCREEN_WIDTH
+    shown = sum(line.startswith("- sentence") for line in lines)
+    assert shown == count or lines[-1] == f"  and {count - shown} more sentences in report.txt"
+
+
+@pytest.mark.slow
+def test_full_prints_the_whole_report(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    answer = answer_of("compare", "midpoint", "--no-video", *SHORT, "--full", "--out", out)
+    assert "ladder: errors in m" in answer.out
+    assert len(answer.out.splitlines()) > len((out / "report.txt").read_text().splitlines())

@@ -1,15 +1,25 @@
 """The ladder and its runs: the fields of each variant, and that its result is that of a plain run.
 
-Oracles: plain runs of scenarios with the fields of a variant; the vehicles' own descriptions.
+Oracles: plain runs of scenarios with the fields of a variant; the vehicles' own descriptions; the identity of budgets.
 """
 
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mjsheaf import simulate
-from mjsheaf.comparing.variants import EFFECTS, effects_of, ladder_of, run_ablation
+from mjsheaf.comparing.variants import (
+    EFFECTS,
+    budget_of,
+    effects_of,
+    ladder_of,
+    root_mean_square,
+    run_ablation,
+    span_of,
+)
 from mjsheaf.scenario import Scenario
 from tests.builders import two_aircraft, two_boats
 from tests.running import run_physics
@@ -38,19 +48,30 @@ def test_bodies_with_ideal_thrusters_have_no_effect_rungs() -> None:
     np.testing.assert_array_equal(positions(runs["all"].dataset), positions(runs["base"].dataset))
 
 
-def test_a_team_over_links_has_rungs_over_perfect_ones() -> None:
-    """They are the runs of the same scenario without links; the others are runs with them."""
-    links = {"all": {"noise": 0.3, "loss": 0.2, "delay": 0.02}}
-    fields: dict[str, Any] = {"vehicles": {"agents": "hull", "targets": "hull", "tau": 0.01}, "time": {"end": 0.5}}
-    noisy, perfect = two_boats("hull", "hull", links=links, **fields), two_boats("hull", "hull", **fields)
-    ladder = ladder_of(noisy.system)
-    assert [rung.key for rung in ladder][-2:] == ["ideal-links", "all-links"]
-    runs = run_ablation(noisy.system, ladder)
+LAW: dict[str, Any] = {"gain": 1.0, "control_period": 0.02}
+TERMS = {"feedforward": {"rounds": 2}, "newton": {"rounds": 2}, "drift": {}}
+
+
+@pytest.mark.parametrize(
+    ("part", "fields", "plain"),
+    [
+        ("links", {"links": {"all": {"noise": 0.3, "loss": 0.2, "delay": 0.02}}}, {}),
+        ("limit", {"controller": {**LAW, "velocity_limit": 0.5}}, {"controller": LAW}),
+        ("terms", {"controller": {**LAW, **TERMS}}, {"controller": LAW}),
+    ],
+)
+def test_a_part_has_rungs_without_it(part: str, fields: dict[str, Any], plain: dict[str, Any]) -> None:
+    """They are runs of the scenario over perfect links, without a limit or terms, bit for bit; others are with it."""
+    whole, without = (two_boats("otter", "hull", time={"end": 1.0}, **each) for each in (fields, plain))
+    ladder = ladder_of(whole.system)
+    assert [rung.key for rung in ladder[-2:]] == [f"ideal-{part}", f"all-{part}"]
+    assert [rung.key for rung in ladder[:-2]] == [rung.key for rung in ladder_of(without.system)]
+    runs = run_ablation(whole.system, ladder)
     for key, backend in (("ideal", "ideal"), ("all", "physics")):
-        of_links, plain = (positions(simulate(scenario, backend)) for scenario in (noisy, perfect))
-        np.testing.assert_array_equal(positions(runs[key].dataset), of_links)
-        np.testing.assert_array_equal(positions(runs[f"{key}-links"].dataset), plain)
-        assert np.abs(of_links - plain).max() > 0.01
+        own, other = positions(runs[key].dataset), positions(runs[f"{key}-{part}"].dataset)
+        np.testing.assert_array_equal(own, positions(simulate(whole, backend)))
+        np.testing.assert_array_equal(other, positions(simulate(without, backend)))
+        assert np.abs(own - other).max() > 0.01
 
 
 def test_a_slow_body_without_an_autopilot_has_inertia() -> None:
@@ -91,44 +112,9 @@ def test_every_rung_is_the_run_that_it_says() -> None:
     system = scenario.system
     runs = run_ablation(system, ladder_of(system))
     np.testing.assert_array_equal(positions(runs["ideal"].dataset), positions(simulate(scenario, "ideal")))
-    for key, effects in {
-        "base": OFF,
-        "+limits": {**OFF, "limits": True},
-        "-lag": {"lag": False},
-        "all": {},
-    }.items():
+    for key, effects in {"base": OFF, "+limits": {**OFF, "limits": True}, "-lag": {"lag": False}, "all": {}}.items():
         expected = run_physics(with_effects(scenario, **effects).system)
         np.testing.assert_array_equal(positions(runs[key].dataset), expected.positions, err_msg=key)
-
-
-def test_a_velocity_limit_has_rungs_without_it() -> None:
-    """They are the runs of the same scenario without a limit, bit for bit."""
-    law = {"gain": 1.0, "control_period": 0.02}
-    limited = two_boats("otter", "hull", time={"end": 1.0}, controller={**law, "velocity_limit": 0.5})
-    free = two_boats("otter", "hull", time={"end": 1.0}, controller=law)
-    ladder = ladder_of(limited.system)
-    assert [rung.key for rung in ladder[-2:]] == ["ideal-limit", "all-limit"]
-    runs = run_ablation(limited.system, ladder)
-    for key, backend in (("ideal", "ideal"), ("all", "physics")):
-        without = positions(runs[f"{key}-limit"].dataset)
-        np.testing.assert_array_equal(without, positions(simulate(free, backend)))
-        assert np.abs(positions(runs[key].dataset) - without).max() > 0.01
-
-
-def test_terms_have_rungs_under_the_paper_s_law() -> None:
-    """The last two, against plain runs of the scenario without its terms, bit for bit."""
-    law = {"gain": 1.0, "control_period": 0.02}
-    terms = {"feedforward": {"rounds": 2}, "newton": {"rounds": 2}, "drift": {}}
-    scenario = two_boats("otter", "hull", time={"end": 1.0}, controller={**law, **terms})
-    plain = two_boats("otter", "hull", time={"end": 1.0}, controller=law)
-    ladder = ladder_of(scenario.system)
-    assert [rung.key for rung in ladder[-2:]] == ["ideal-terms", "all-terms"]
-    assert [rung.key for rung in ladder[:-2]] == [rung.key for rung in ladder_of(plain.system)]
-    runs = run_ablation(scenario.system, ladder)
-    for whole, backend in (("ideal", "ideal"), ("all", "physics")):
-        without = positions(runs[f"{whole}-terms"].dataset)
-        np.testing.assert_array_equal(without, positions(simulate(plain, backend)))
-        assert np.abs(positions(runs[whole].dataset) - without).max() > 0.01
 
 
 def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
@@ -147,3 +133,39 @@ def test_a_rung_that_blows_up_is_marked_and_the_others_go_on() -> None:
     assert {run.dataset.attrs["status"] for run in runs.values()} == {"unstable"}
     for run in runs.values():
         assert "unstable" in run.dataset.attrs["message"]
+
+
+# -- errors and budgets of curves with a known answer ------------------------------------------------------------------
+
+
+def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:
+    system = two_boats("hull", "hull").system
+    time = system.grid.samples
+    chosen = span_of(system).last_half(len(time))
+    assert time[chosen][0] == pytest.approx(1.5)
+    assert root_mean_square(np.full(len(time), 3.0), chosen) == 3.0
+    assert np.isnan(root_mean_square(time[:10], chosen[:10]))  # it blew up before
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_budget_sums_to_the_whole(seed: int) -> None:
+    """Ideal + targets + agents + together + every effect alone + interaction = all, whatever the errors."""
+    ladder = ladder_of(two_boats("otter", "hull").system)
+    values = np.random.default_rng(seed).uniform(0.0, 10.0, len(ladder))
+    error = {rung.key: float(x) for rung, x in zip(ladder, values, strict=True)}
+    budget = budget_of(("team", "tracking_error", "late"), error, None)
+    parts = [budget.ideal_m, budget.targets_m, budget.agents_m, budget.together_m, budget.interaction_m]
+    total = sum(x for x in [*parts, *(item.alone_m for item in budget.effects)] if x is not None)
+    assert total == pytest.approx(error["all"])
+    assert budget.all_m == error["all"]
+    assert [item.effect for item in budget.effects] == [v.effect for v in ladder if v.kind == "alone"]
+    for item in budget.effects:
+        assert item.give_back_m == pytest.approx(error["all"] - error[f"-{item.effect}"])
+
+
+def test_a_rung_that_blew_up_leaves_a_hole_in_the_budget() -> None:
+    ladder = ladder_of(two_boats("otter", "hull").system)
+    error = {variant.key: None if variant.key == "+lag" else 1.0 for variant in ladder}
+    budget = budget_of(("team", "tracking_error", "late"), error, None)
+    assert next(item for item in budget.effects if item.effect == "lag").alone_m is None
+    assert (budget.interaction_m, budget.all_m) == (None, 1.0)

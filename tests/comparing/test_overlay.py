@@ -21,10 +21,11 @@ from mjsheaf.results.store import RUNS_FILES
 from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, open_runs, publish_runs
 from mjsheaf.runs.publish import account_of, write_scenario
 from mjsheaf.scenario import Scenario
-from tests.builders import approx, two_boats
+from tests.builders import approx, list_members, two_boats
 from tests.checking.test_norms import errors_of, records
-from tests.commands import answer_of, call
+from tests.commands import Capture, answer_of, call
 from tests.page.pages import said_in
+from tests.running import rms_error
 
 THIRD = {"id": "A3", "position": [5, 5]}
 
@@ -34,24 +35,21 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs of two boats: ideal, on bodies, at another period and longer, of a larger team, of others, and later."""
     folder = tmp_path_factory.mktemp("runs")
     usual = two_boats("hull", "hull").model_dump(mode="json", exclude_none=True)
-    agents = [*usual["agents"], THIRD]
-    larger = {"agents": agents, "sensing": [*([a, "T1"] for a in ("A1", "A2", "A3"))]}
+    larger = {"agents": [*usual["agents"], THIRD], "sensing": [[id, "T1"] for id in ("A1", "A2", "A3")]}
     others = {
         "agents": [{**a, "id": a["id"].replace("A", "B")} for a in usual["agents"]],
         "communication": [["B1", "B2"]],
         "sensing": [["B1", "T1"], ["B2", "T1"]],
         "formations": [],
     }
-    slower = {"gain": 0.5, "control_period": 0.05}
-    events = {"events": [{"time": 1.0, "lose": "A2"}]}
     for name, backend, fields in (
         ("ideal", "ideal", {}),
         ("bodies", "physics", {}),
-        ("longer", "ideal", {"time": {"end": 4.0}, "controller": slower}),
+        ("longer", "ideal", {"time": {"end": 4.0}, "controller": {"gain": 0.5, "control_period": 0.05}}),
         ("larger", "ideal", larger),
         ("others", "ideal", others),
         ("later", "ideal", {"time": {"start": 5.0, "end": 6.0}}),
-        ("lost", "ideal", events),
+        ("lost", "ideal", {"events": [{"time": 1.0, "lose": "A2"}]}),
     ):
         scenario = two_boats("hull", "hull", **fields)
         leave_run(scenario, backend, folder / name)
@@ -76,8 +74,7 @@ def compared(runs: Path) -> RunsRecord:
 
 
 def team_error(backend: str, **fields: object) -> np.ndarray:
-    dataset = mjsheaf.simulate(two_boats("hull", "hull", **fields), backend)
-    return np.sqrt((dataset["tracking_error"].values ** 2).mean(axis=1))
+    return rms_error(mjsheaf.simulate(two_boats("hull", "hull", **fields), backend))
 
 
 @pytest.mark.long
@@ -115,8 +112,7 @@ def test_distances_are_those_of_agents_in_common(compared: RunsRecord) -> None:
     assert approx(compared.runs[1].largest_distance_m) == apart.max()
     assert approx(compared.runs[1].distance_m) == np.sqrt((apart[75:] ** 2).mean())
     assert compared.runs[1].farthest == f"A{1 + int(apart.max(axis=0).argmax())}"
-    assert compared.runs[0].distance_m == 0.0
-    assert compared.runs[3].agents_in_common == 2
+    assert (compared.runs[0].distance_m, compared.runs[3].agents_in_common) == (0.0, 2)
     assert any("larger has A3 in addition" in note for note in compared.notes)
 
 
@@ -155,9 +151,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line(
 
 
 @pytest.mark.slow
-def test_the_command_writes_and_replaces_its_own(
-    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_and_replaces_its_own(runs: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     for _ in range(2):
         assert call("compare-runs", runs / "ideal", runs / "bodies", "--out", out) == 0
@@ -176,9 +170,7 @@ def test_the_command_writes_and_replaces_its_own(
 
 
 @pytest.mark.long
-def test_runs_of_one_name_are_told_apart_and_no_number_is_cut(
-    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_runs_of_one_name_are_told_apart_and_no_number_is_cut(runs: Path, tmp_path: Path, capsys: Capture) -> None:
     other = tmp_path / "of another place" / "bodies"
     shutil.copytree(runs / "bodies", other)
     assert call("compare-runs", runs / "ideal", runs / "bodies", other, "--out", tmp_path / "out") == 0
@@ -221,10 +213,9 @@ def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_p
 def test_names_of_directories_are_shown_as_they_are(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
     """Not as mathematics, and those with an underscore in front have a line in the legend, too."""
     names = [r"$\frac{a$", "_later"]
-    copies = [
-        Path(shutil.copytree(runs / run, tmp_path / name)) for name, run in zip(names, ("lost", "bodies"), strict=True)
-    ]
-    publish_runs(copies, tmp_path / "out")
+    for name, run in zip(names, ("lost", "bodies"), strict=True):
+        shutil.copytree(runs / run, tmp_path / name)
+    publish_runs([tmp_path / name for name in names], tmp_path / "out")
     (figure,) = drawn
     legend = [text.get_text().replace(r"\$", "$") for text in figure.legends[0].get_texts()]
     for name in names:
@@ -232,6 +223,7 @@ def test_names_of_directories_are_shown_as_they_are(runs: Path, drawn: list[Figu
 
 
 def test_the_page_has_the_other_runs_as_ghosts(runs: Path, compared: RunsRecord) -> None:
+    assert json.loads((runs.parent / "compared" / "runs.json").read_text())["mjsheaf_version"] == mjsheaf.__version__
     said = said_in((runs.parent / "compared" / "report.html").read_bytes())
     assert [ghost["name"] for ghost in said["ghosts"]] == ["bodies", "longer", "larger"]
     assert {"ghost0", "ghost_quaternion0", "ghost_error2"} <= set(said["arrays"])
@@ -242,7 +234,9 @@ def test_the_page_has_the_other_runs_as_ghosts(runs: Path, compared: RunsRecord)
 
 def test_ghosts_are_where_their_run_has_them(runs: Path) -> None:
     """At the page's samples, by id; nothing where the other run has no such agent, or is over."""
-    page = mjsheaf.simulate(two_boats("hull", "hull", agents=[THIRD | {"id": "A0"}, *AGENTS], sensing=SENSING), "ideal")
+    agents = list_members({"A0": [5, 5], "A1": {"position": [-4, 1], "heading": 20}, "A2": [-3, -2]})
+    sensing = [[f"A{k}", "T1"] for k in range(3)]
+    page = mjsheaf.simulate(two_boats("hull", "hull", agents=agents, sensing=sensing), "ideal")
     other = mjsheaf.simulate(two_boats("hull", "hull", time={"end": 2.0}), "ideal")
     captured: dict[str, np.ndarray] = {}
 
@@ -265,14 +259,4 @@ def test_ghosts_are_where_their_run_has_them(runs: Path) -> None:
     within = time <= 2.0 + 1e-9
     np.testing.assert_allclose(places[within, 1, :2], other["agent_position"].values[::10, 0, :2], atol=1e-12)
     assert np.isnan(places[~within]).all()
-    error = np.sqrt((other["tracking_error"].values[::10] ** 2).mean(axis=1))
-    np.testing.assert_allclose(captured["ghost_error0"][within, 0], error)
-
-
-AGENTS = [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}]
-SENSING = [["A0", "T1"], ["A1", "T1"], ["A2", "T1"]]
-
-
-def test_runs_json_is_plain(runs: Path, compared: RunsRecord) -> None:
-    text = (runs.parent / "compared" / "runs.json").read_text()
-    assert json.loads(text)["mjsheaf_version"] == mjsheaf.__version__
+    np.testing.assert_allclose(captured["ghost_error0"][within, 0], rms_error(other)[::10])

@@ -12,12 +12,18 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjsheaf.comparing.margins import RingingRecord, find_ringing
-from mjsheaf.comparing.variants import converge, positions_at_q_star
+from mjsheaf import simulate
+from mjsheaf.comparing import CompareRecord
+from mjsheaf.comparing.causes import LIMITED_BY
+from mjsheaf.comparing.margins import RingingRecord, find_ringing, try_gains
+from mjsheaf.comparing.page import report_text
+from mjsheaf.comparing.variants import converge, ladder_of, positions_at_q_star, run_ablation
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import System, phases_of
 from mjsheaf.scenario import Scenario
-from tests.builders import approx, two_aircraft, two_boats
+from tests.builders import approx, known, two_aircraft, two_boats
+from tests.checking.test_norms import errors_of, records
+from tests.running import analyse, rms_error
 
 HULLS = {"agents": "hull", "targets": "hull"}
 FINE: dict[str, Any] = {"physics": {"timestep": 0.002}}
@@ -48,8 +54,7 @@ def decay(system: System, ringing: RingingRecord) -> tuple[float, float]:
 
     The fit is Prony's, with four poles; those with the largest amplitude count.
     """
-    assert ringing.least_damped is not None
-    team, frequency = system.team, ringing.least_damped.frequency
+    team, frequency = system.team, known(ringing.least_damped).frequency
     H, axes = team.dirichlet.H.toarray(), team.agents[0].dimension
     along = np.zeros(len(H))
     along[::axes] = np.linalg.eigh(H[::axes, ::axes])[1][:, -1]
@@ -79,8 +84,7 @@ def test_alike_bodies_have_the_damping_of_the_closed_form(tau: float, gain: floa
     system = with_tau(tau, gain).system
     stiffest = system.largest_eigenvalue
     ringing = ringing_at_rest(system)
-    assert ringing.least_damped is not None
-    assert ringing.least_damped.damping == pytest.approx(
+    assert known(ringing.least_damped).damping == pytest.approx(
         min(1.0 / (2.0 * np.sqrt(gain * stiffest * tau)), 1.0), rel=0.03
     )
     assert approx(ringing.usable_gain, rel=0.05) == 1.0 / (4.0 * 0.3**2 * stiffest * tau)
@@ -101,10 +105,9 @@ def test_bodies_decay_as_the_mode_says(tau: float, gain: float, terms: dict[str,
     """Within 3 %, over links that delay too: what is under way there rings at once, and is not in the positions."""
     system = with_tau(tau, gain, terms, links=links).system
     ringing = ringing_at_rest(system)
-    assert ringing.least_damped is not None
     damping, frequency = decay(system, ringing)
-    assert ringing.least_damped.damping == pytest.approx(damping, rel=0.03)
-    assert ringing.least_damped.frequency == pytest.approx(frequency, rel=0.03)
+    assert known(ringing.least_damped).damping == pytest.approx(damping, rel=0.03)
+    assert known(ringing.least_damped).frequency == pytest.approx(frequency, rel=0.03)
 
 
 @pytest.mark.parametrize("name", ["wamv", "otter", "hexarotor", "quadrotor"])
@@ -117,10 +120,9 @@ def test_real_vehicles_decay_as_the_mode_says(name: str) -> None:
     else:
         system = two_aircraft(name, controller=controller).system
     ringing = ringing_at_rest(system)
-    assert ringing.least_damped is not None
     damping, frequency = decay(system, ringing)
-    assert ringing.least_damped.damping == pytest.approx(damping, rel=0.1)
-    assert ringing.least_damped.frequency == pytest.approx(frequency, rel=0.1)
+    assert known(ringing.least_damped).damping == pytest.approx(damping, rel=0.1)
+    assert known(ringing.least_damped).frequency == pytest.approx(frequency, rel=0.1)
 
 
 def test_noise_and_losses_do_not_ring_and_delay_leaves_less_gain() -> None:
@@ -129,9 +131,7 @@ def test_noise_and_losses_do_not_ring_and_delay_leaves_less_gain() -> None:
     assert noisy.least_damped == perfect.least_damped
     assert noisy.usable_gain == perfect.usable_gain
     late = ringing_at_rest(with_tau(0.3, 5.0, links={"all": {"delay": 0.02}}).system)
-    assert late.least_damped is not None
-    assert perfect.least_damped is not None
-    assert late.least_damped.damping < 0.95 * perfect.least_damped.damping
+    assert known(late.least_damped).damping < 0.95 * known(perfect.least_damped).damping
     assert (late.usable_gain or np.inf) < 0.9 * (perfect.usable_gain or 0.0)
     assert approx(late.without["links"], rel=1e-6) == perfect.usable_gain
 
@@ -192,3 +192,67 @@ def test_distance_to_the_ideal_run_is_of_first_order_in_tau() -> None:
             assert point.timestep_s <= 0.1 * point.tau_s * (1.0 + 1e-9)
             steps = system.grid.period / point.timestep_s
             assert steps == pytest.approx(round(steps))
+
+
+# -- a higher gain, measured: plain runs, and `check` ------------------------------------------------------------------
+
+
+def otters(gain: float = 1.0, **fields: Any) -> Scenario:
+    return two_boats("otter", "hull", **{"controller": {"gain": gain, "control_period": 0.02}, **fields})
+
+
+@pytest.mark.slow
+def test_trials_are_plain_runs_at_their_gains(record: CompareRecord) -> None:
+    assert len(record.gains) >= 2
+    for trial in record.gains:
+        data = simulate(otters(trial.gain))
+        late = rms_error(data)[data["time"].values >= 1.5 - 1e-9]
+        assert approx(trial.late.tracking_error, rel=1e-9) == np.sqrt((late**2).mean())
+        assert approx(trial.saturated) == data["agent_saturation"].values.mean()
+    assert record.gains[0].gain == record.gain
+    assert record.gains[0].late == record.rung("all").errors["team"].late
+
+
+@pytest.mark.slow
+def test_the_verdict_says_what_limits_and_the_page_what_was_measured(record: CompareRecord) -> None:
+    (limit,) = [s for s in record.verdict if s.startswith("gain 1 1/s")]
+    assert f"{record.usable_gain:.2g} 1/s" in limit
+    assert LIMITED_BY[known(record.ringing).effect] in limit
+    page = report_text(record)
+    for trial in record.gains:
+        error = f"{trial.late.tracking_error:.3g}"
+        assert any(row.split()[:2] == [f"{trial.gain:.4g}", error] for row in page.splitlines())
+    assert "thrusters at a limit" in page
+
+
+def test_the_usable_gain_is_below_the_stable_one(record: CompareRecord) -> None:
+    assert record.ringing is not None
+    assert record.ringing.largest_gain is not None
+    assert known(record.usable_gain) == record.ringing.usable_gain
+    assert known(record.usable_gain) < record.ringing.largest_gain
+    assert record.loop is not None
+    assert (record.loop.largest_gain, record.loop.stable, record.loop.reason) == (record.ringing.largest_gain, True, "")
+
+
+def test_the_loop_is_that_of_the_bodies_with_their_effects(record: CompareRecord) -> None:
+    """Oracle: `check`, whose mean flow is that along the targets' path in theory."""
+    assert record.ringing is not None
+    bodies = analyse(otters())["margins"]["bodies"]
+    assert record.ringing.stable is bodies["stable"]
+    assert record.ringing.largest_gain == pytest.approx(bodies["largest_gain"], rel=0.05)
+    assert known(record.ringing.least_damped).damping == pytest.approx(bodies["least_damped"]["damping"], rel=0.05)
+
+
+def test_every_error_of_a_comparison_states_its_norm(record: CompareRecord) -> None:
+    held = [part for _, part in records(record.model_dump(mode="json")) if errors_of(part) or "at_q_star_m" in part]
+    assert len(held) >= 2 * len(record.ladder) + len(record.budgets)
+    assert {part["norm"] for part in held} == {"per_agent_rms"}
+
+
+@pytest.mark.parametrize(
+    ("largest", "expected"), [(None, [1.0, 2.0, 4.0]), (3.0, [1.0, 2.0, 2.7]), (2.0, [1.0, 1.8]), (1.1, [])]
+)
+def test_gains_are_tried_below_that_at_which_the_loop_is_unstable(largest: float | None, expected: list[float]) -> None:
+    phases = otters(time={"end": 0.2}).phases
+    given = run_ablation(phases, [rung for rung in ladder_of(phases) if rung.key == "all"])["all"]
+    assert [trial.gain for trial in try_gains(phases, given, largest)] == expected

@@ -10,7 +10,8 @@ from mjsheaf import simulate
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.variants import root_mean_square
 from mjsheaf.scenario import Scenario
-from tests.builders import approx, two_boats
+from tests.builders import approx, known, two_boats
+from tests.running import rms_error
 
 
 def limited(limit: float | None) -> Scenario:
@@ -21,9 +22,8 @@ def limited(limit: float | None) -> Scenario:
 
 def late_tracking(scenario: Scenario, backend: str) -> float:
     data = simulate(scenario, backend)
-    error = np.sqrt((data["tracking_error"].values ** 2).mean(axis=1))
     grid = scenario.system.grid
-    return root_mean_square(error, data["time"].values >= grid.start + 0.5 * grid.period * grid.steps)
+    return root_mean_square(rms_error(data), data["time"].values >= grid.start + 0.5 * grid.period * grid.steps)
 
 
 @pytest.fixture(scope="module")
@@ -32,17 +32,12 @@ def record() -> CompareRecord:
 
 
 @pytest.mark.slow
-def test_the_runs_without_it_are_plain_runs(record: CompareRecord) -> None:
-    found = record.velocity_limit
-    assert found is not None
+def test_its_cost_is_the_difference_to_a_plain_run_without_it(record: CompareRecord) -> None:
+    found = known(record.velocity_limit)
     assert found.lowest_m_s == found.highest_m_s == 0.4
     for run, backend in (("ideal", "ideal"), ("all", "physics")):
-        free = late_tracking(limited(None), backend)
-        assert approx(record.rung(f"{run}-limit").errors["team"].late.tracking_error, rel=1e-12) == free
-        cost = late_tracking(limited(0.4), backend) - free
-        now, then = (record.error(key, "team", "tracking_error") for key in (run, f"{run}-limit"))
-        assert now is not None
-        assert then is not None
+        cost = late_tracking(limited(0.4), backend) - late_tracking(limited(None), backend)
+        now, then = (known(record.error(key, "team", "tracking_error")) for key in (run, f"{run}-limit"))
         assert approx(now - then, rel=1e-9) == cost
         assert cost > 0.5  # boats at 0.4 m/s behind a target at 0.6
 
@@ -50,15 +45,13 @@ def test_the_runs_without_it_are_plain_runs(record: CompareRecord) -> None:
 def test_the_share_at_the_limit_is_that_of_the_commands(record: CompareRecord) -> None:
     speed = np.linalg.norm(np.nan_to_num(simulate(limited(0.4), "ideal")["velocity_command"].values), axis=2)
     half = speed[-(len(speed) // 2 + 1) :]
-    found = record.velocity_limit
-    assert found is not None
+    found = known(record.velocity_limit)
     assert found.share_at_limit["ideal"] == pytest.approx((half >= 0.4 * (1 - 1e-9)).mean(), abs=2e-3)
     assert found.share_at_limit["ideal"] > 0.5
 
 
 def test_the_limit_that_is_said_to_do_does(record: CompareRecord) -> None:
-    found = record.velocity_limit
-    assert found is not None
+    found = known(record.velocity_limit)
     free = late_tracking(limited(None), "ideal")
     assert late_tracking(limited(found.asked_m_s), "ideal") == pytest.approx(free, rel=0.02)
     assert late_tracking(limited(0.8 * found.asked_m_s), "ideal") > 1.1 * free
@@ -67,17 +60,15 @@ def test_the_limit_that_is_said_to_do_does(record: CompareRecord) -> None:
 def test_the_verdict_names_it(record: CompareRecord) -> None:
     (told,) = [s for s in record.verdict if s.startswith("tracking error:")]
     free = record.error("all-limit", "team", "tracking_error")
-    assert record.velocity_limit is not None
     assert f"dominant cause: the velocity limit ({free:.3g} m without)" in told
-    assert f"raise velocity_limit to {record.velocity_limit.asked_m_s:.3g} m/s" in told
+    assert f"raise velocity_limit to {known(record.velocity_limit).asked_m_s:.3g} m/s" in told
     assert not any("the law, not the vehicles" in s for s in record.verdict if s.startswith("tracking error:"))
 
 
 @pytest.mark.long
 def test_a_limit_that_is_not_met_costs_nothing_and_is_not_spoken_of() -> None:
     record = compare(limited(30.0)).record
-    assert record.velocity_limit is not None
-    assert record.velocity_limit.share_at_limit["ideal"] == 0.0
+    assert known(record.velocity_limit).share_at_limit["ideal"] == 0.0
     assert record.saved_by("all-limit", "team", "tracking_error") == pytest.approx(0.0, abs=1e-12)
     assert "velocity" not in " ".join(record.verdict)
     assert compare(limited(None)).record.velocity_limit is None

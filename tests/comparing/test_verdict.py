@@ -17,39 +17,28 @@ from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.causes import verdict_of
 from mjsheaf.comparing.figures import choose_rungs
 from mjsheaf.comparing.page import report_text
-from mjsheaf.comparing.variants import (
-    ItemRecord,
-    formation_size,
-    inertial_tau,
-    positions_at_q_star,
-    root_mean_square,
-)
+from mjsheaf.comparing.variants import ItemRecord, formation_size, inertial_tau, positions_at_q_star, root_mean_square
 from mjsheaf.law import disagreement
 from mjsheaf.results.metrics import error_series, evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import approx, two_boats
+from tests.builders import approx, known, make_fields, two_boats
 from tests.running import run_ideal
 
 
-def two_groups(link: Any, **fields: Any) -> Scenario:
+def two_groups(link: Any) -> Scenario:
     """Two lines about targets 20 m apart, and a third alone, the first two tied by a link."""
     places = {"T1": (0, 0), "T2": (20, 0), "T3": (0, 30)}
     slow = {"kind": "lissajous", "amplitude": [1, 1], "rate": [0.1, 0.1], "phase": [1.57, 0]}
-    agents = [{"id": f"{t}{k}", "position": [x + 3, y + 2 * k]} for t, (x, y) in places.items() for k in (1, 2)]
-    return two_boats(
-        "hull", "hull",
-        name="groups",
-        agents=agents,
-        targets=[{"id": t, "position": list(p), "motion": slow} for t, p in places.items()],
+    line = {"shape": "line", "spacing": 3}
+    fields = make_fields(
+        {f"{t}{k}": [x + 3, y + 2 * k] for t, (x, y) in places.items() for k in (1, 2)},
+        {t: {"position": list(p), "motion": slow} for t, p in places.items()},
+        [[f"{t}{k}", t] for t in places for k in (1, 2)],
         communication=[*([f"{t}1", f"{t}2"] for t in places), link],
-        sensing=[[f"{t}{k}", t] for t in places for k in (1, 2)],
-        formations=[
-            {"name": f"line_{t}", "shape": "line", "members": [f"{t}1", f"{t}2"], "about": t, "spacing": 3}
-            for t in places
-        ],
-        **fields,
-    )  # fmt: skip
+        formations=[{"name": f"line_{t}", "members": [f"{t}1", f"{t}2"], "about": t, **line} for t in places],
+    )
+    return two_boats("hull", "hull", **fields)
 
 
 def with_terms(**odometry: float) -> CompareRecord:
@@ -63,9 +52,7 @@ def with_terms(**odometry: float) -> CompareRecord:
 @pytest.mark.slow
 def test_what_terms_bring_is_in_the_ladder() -> None:
     record = with_terms()
-    paper, now = (record.rung(key).errors["team"].error("tracking_error") for key in ("all-terms", "all"))
-    assert paper is not None
-    assert now is not None
+    paper, now = (known(record.rung(key).errors["team"].error("tracking_error")) for key in ("all-terms", "all"))
     assert now < 0.2 * paper
     assert record.terms == ["feedforward", "drift"]
     assert record.harm == []
@@ -141,10 +128,8 @@ def test_where_the_law_lags_the_tracking_error_is_told() -> None:
     record = compare(two_boats("hull", "hull", targets=[{"id": "T1", "position": [0, 0], "motion": motion}])).record
     (told,) = [s for s in record.verdict if s.startswith("tracking error:")]
     assert "dominant cause: the law, not the vehicles: a higher controller.gain (up to" in told
-    assert record.usable_gain is not None
-    assert record.gain is not None
-    assert record.usable_gain > record.gain
-    poor = record.model_copy(update={"usable_gain": 0.5 * record.gain})
+    assert known(record.usable_gain) > known(record.gain)
+    poor = record.model_copy(update={"usable_gain": 0.5 * known(record.gain)})
     (told,) = [s for s in verdict_of(poor) if s.startswith("tracking error:")]
     assert "(a higher gain rings, above" in told
     assert "a higher controller.gain" not in " ".join(verdict_of(poor))
@@ -222,8 +207,7 @@ def test_a_team_at_rest_has_no_lever() -> None:
     law = {"gain": 1.0, "control_period": 0.02, "feedforward": {}}
     scenario = two_boats("hull", "hull", targets=[static], controller=law, time={"end": 120.0})
     record = compare(scenario).record
-    now = record.budget("team", "formation_error", "late").all_m
-    assert now is not None
+    now = known(record.budget("team", "formation_error", "late").all_m)
     assert now < 1e-9
     told = " ".join(record.verdict)
     assert "nothing to gain" in told

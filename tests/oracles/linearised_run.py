@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjsheaf import Session
+from mjsheaf.law import disagreement
+from mjsheaf.law.in_python import Sample
 from mjsheaf.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -40,6 +42,30 @@ def spectral_radius(scenario: Scenario, backend: str, settling: float, changed: 
     lines = (int(delay) + 1 for delay in scenario.system.law.links.table["delay"])
     with Session(changed or scenario, backend) as session:
         return float(np.abs(factors_of_loop(session, state, math.lcm(*lines))).max())
+
+
+def radii_in_a_medium(scenario: Scenario, gains: list[float], settling: float) -> list[float]:
+    """Return the same at several gains, 1/s, of bodies in a medium that stands still or moves, under the paper's law.
+
+    The team settles at the scenario's own gain, which must be stable. Then the gain changes and the desired
+    disagreement with it, so that commands stay what they were.
+    """
+    own, at_rest = scenario.system.gain, np.zeros(3)
+    used = {"gain": own}
+
+    def law(_: float, sample: Sample) -> Array:
+        return -own * at_rest - used["gain"] * (sample.disagreement - at_rest)
+
+    with Session(scenario, controller=law) as session:
+        while session.time < settling:
+            session.step()
+        state, system = session.state, session.engine.system
+        at_rest = disagreement(system.law, session.observe().truth.positions)[: len(system.team.agents)]
+        radii = []
+        for gain in gains:
+            used["gain"] = gain
+            radii.append(float(np.abs(factors_of_loop(session, state)).max()))
+    return radii
 
 
 def factors_of_loop(session: Session, state: Array, periods: int = 1) -> NDArray[np.complex128]:
