@@ -81,7 +81,7 @@ def require_repeated(name: str, backend: str, engine: str, seed: int, folder: Pa
             assert chunk is not None
             chunks.append(chunk)
         recorded = session.scenario
-    given = {"engine": engine, "threads": 1, "progress": False}
+    given: dict[str, Any] = {"engine": engine, "threads": 1, "progress": False}
     again = simulate(load_scenario(str(write_scenario(recorded, folder))), backend, **given)
     untouched = simulate(scenario, backend, **given)
     assert not np.array_equal(untouched.agent_position, again.agent_position)

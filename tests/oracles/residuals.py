@@ -9,12 +9,11 @@ from mjsheaf.team import Edge, Team
 def residual_of(edge: Edge, tail: Array, head: Array) -> float:
     """Return the residual of an edge with its ends at places, (3,) each, m."""
     z = edge.F_head @ head[: edge.F_head.shape[1]] - edge.F_tail @ tail[: edge.F_tail.shape[1]] + edge.b
-    length = np.linalg.norm(z)
-    if edge.measures == "range":
-        return float(abs(length - edge.offset)[0])
-    if edge.measures == "bearing":
-        return float(np.linalg.norm(z - length * edge.offset))
-    return float(length)
+    if edge.measures in ("range", "bearing"):
+        length = np.linalg.norm(z)
+        assert edge.offset is not None
+        z = length - edge.offset if edge.measures == "range" else z - length * edge.offset
+    return float(np.linalg.norm(z))
 
 
 def residuals_of(team: Team, places: Array) -> dict[str, float]:
