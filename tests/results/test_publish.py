@@ -114,7 +114,7 @@ def test_what_ends_the_video_leaves_the_run(
         raise error
 
     drawn_by(draw, monkeypatch)
-    said = r"No space left; .*run is complete except for its video, which `mjsheaf" if str(error) else ""
+    said = r"No space left; .*run is complete except for its video, which `mjsheaf" if str(error) else None
     with pytest.raises(type(error), match=said):
         execute(short, "ideal", tmp_path / "run", video=video_options(short))
     assert {p.name for p in (tmp_path / "run").iterdir()} == RUN_FILES
