@@ -188,6 +188,21 @@ def two_aircraft(vehicle: str, /, **fields: Any) -> Scenario:
     )
 
 
+def chase(end: float = 3.0, /, **fields: Any) -> Scenario:
+    """A boat and a drone after a drone; fields replace fields."""
+    return make_scenario(
+        {
+            "name": "chase",
+            "time": {"end": end},
+            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0, 2]}],
+            "targets": [{"id": "T", "position": [5, 1, 2]}],
+            "communication": [["A", "B"]],
+            "sensing": [["A", "T"], ["B", "T"]],
+            **fields,
+        }
+    )
+
+
 ONE_BOAT: dict[str, Any] = {
     "time": {"end": 0.2},
     "controller": {"control_period": 0.05},

@@ -7,6 +7,7 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,6 +21,7 @@ from tests.builders import names
 IDEAL = ("--backend", "ideal", "--no-video", "--set", "time.end=0.2")
 SMALL = ("--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=5")
 CAN_DRAW = available_backend()[0] is not None
+drawing = pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
 DATA_FILES = {"result.nc", "summary.json", "scenario.yaml", "report.html"}
 RUN_FILES = DATA_FILES | {"errors.png", "trajectories.png", "configurations.png"}
 """What `mjsheaf run --no-video` writes."""
@@ -89,11 +91,35 @@ def start(*arguments: str | Path, **options: Any) -> "subprocess.Popen[str]":
     )
 
 
+def python(script: str, cwd: Path | None = None, **environment: str) -> "subprocess.CompletedProcess[str]":
+    """Run a script in a process of its own, with signals as in a shell."""
+    return subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=cwd,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=heed_interrupts,
+    )
+
+
 def heed_interrupts() -> None:
     """Stop ignoring signals in a new process: SIGINT is ignored in a shell's background, SIGHUP by `nohup`."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def wait_until(
+    condition: Callable[[], object], seconds: float = 90.0, running: "subprocess.Popen[str] | None" = None
+) -> None:
+    """Wait for a condition, for at most so long and while a process goes on that is to bring it about."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert running is None or running.poll() is None, ("it ended before", running.communicate())
+        assert time.monotonic() < end, f"not within {seconds} s"
+        time.sleep(0.01)
 
 
 @contextlib.contextmanager

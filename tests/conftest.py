@@ -8,7 +8,7 @@ import pickle
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,6 +96,15 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> "list[Figure]":
     figures: list[Figure] = []
     monkeypatch.setattr("mjsheaf.show.plots.write_figure", lambda figure, file, form: figures.append(figure))
     return figures
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A real browser without a network; see `tests/page/browser.py`."""
+    from tests.page.browser import open_browser
+
+    with open_browser() as opened:
+        yield opened
 
 
 @pytest.fixture(scope="session")

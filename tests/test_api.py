@@ -1,11 +1,9 @@
 """The public interface, in Python alone: no file is written or named.
 
-Oracles: a held first-order loop in closed form, least squares by numpy, and the ways to one run against each other.
+Oracles: least squares by numpy, and the ways to one run against each other.
 """
 
 import json
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,6 +13,7 @@ import xarray as xr
 
 import mjsheaf
 from mjsheaf.team import Edge, Member, Team, restriction_maps
+from tests.commands import python
 
 FIELDS = {
     "time": {"end": 0.5},
@@ -45,28 +44,15 @@ print(changed, modules)
 """
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_no_public_name_is_that_of_a_module() -> None:
-    """Python replaces a function of a package by a module of the same name as soon as somebody imports that."""
+    """Python replaces a function of a package by a module of the same name as soon as somebody imports that.
+
+    So public functions worked once, before what they import.
+    """
     for name in set(mjsheaf.__all__) - {"__version__", "envs"}:  # `envs` is a module
         assert find_spec(f"mjsheaf.{name}") is None, name
-    done = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, text=True, check=True)
-    assert done.stdout == "[] []\n"
-
-
-@pytest.mark.slow
-def test_public_functions_work_twice() -> None:
-    """Each once before and once after what it imports."""
-    scenario = mjsheaf.load_scenario(FIELDS, {"time.end": 0.1})
-    for _ in range(2):
-        assert isinstance(mjsheaf.load_scenario(FIELDS), mjsheaf.Scenario)
-        result = mjsheaf.simulate(scenario, "ideal")
-        assert result.attrs["status"] == "finished"
-        assert len(mjsheaf.simulate_many([scenario], "ideal")) == 1
-        assert mjsheaf.check(scenario, trial=False)["ok"] is True
-        assert mjsheaf.load_vehicle("hull").dimension == 2
-        assert list(mjsheaf.plot(result)) == ["errors", "trajectories", "configurations"]
-        assert mjsheaf.replay(result).html.startswith("<!DOCTYPE html>")
+    assert python(IMPORTING).stdout == "[] []\n"
 
 
 def test_all_that_a_scenario_is_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,13 +73,6 @@ def test_all_that_a_scenario_is_for(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert record["relative_cohomology"]["dimension"] == 0
     assert mjsheaf.load_vehicle("hull").dimension == 2
     assert list(tmp_path.iterdir()) == []
-
-
-def test_one_boat_decays_as_its_loop_says() -> None:
-    one = {"agents": [FIELDS["agents"][0]], "targets": [FIELDS["targets"][0]], "sensing": [("boat", "buoy")]}  # type: ignore[index]
-    run = mjsheaf.simulate(mjsheaf.load_scenario({**FIELDS, "communication": [], **one}), "ideal")
-    expected = 5.0 * (1.0 - 2.0 * 0.01) ** np.arange(51)
-    np.testing.assert_allclose(run["tracking_error"].values[:, 0], expected, rtol=1e-9)
 
 
 def test_a_team_of_objects_goes_where_least_squares_says() -> None:

@@ -88,6 +88,13 @@ class Autopilots:
     def answer(self, k: int) -> bytes:
         return self.sockets[k].recv(4096)
 
+    def period(self, *frames: bytes) -> list[bytes]:
+        """Send a frame for each vehicle, and return the answers after a period."""
+        for k, frame in enumerate(frames):
+            self.send(k, frame)
+        self.bridge.step()
+        return [self.answer(k) for k in range(3)]
+
 
 def parsed(text: str, section: str, key: str, numbers: int) -> list[float]:
     """Return what ArduPilot's parser reads (SIM_JSON.cpp, parse_sensors): it skips a fixed number of characters.
@@ -103,20 +110,19 @@ def parsed(text: str, section: str, key: str, numbers: int) -> list[float]:
     return [float(value) for value in match.groups()]
 
 
-def frame_of(count: int, pwm: int = 1500, outputs: int = 16) -> bytes:
+def frame_of(count: int, pwm: int = 1500, outputs: int = 16, **others: int) -> bytes:
+    """A frame in which all outputs have the same pulse, but for some by their numbers, such as `o2`."""
+    pulses = [others.get(f"o{k}", pwm) for k in range(outputs)]
     magic = {16: 18458, 32: 29569}[outputs]
-    return struct.pack(f"<HHI{outputs}H", magic, 400, count, *[pwm] * outputs)
+    return struct.pack(f"<HHI{outputs}H", magic, 400, count, *pulses)
 
 
 def test_answers_have_the_published_fields_in_their_frames(bridge: Any) -> None:
     """Level; drones point east, a yaw of 90 degrees, and the boat 60 degrees to the left of that."""
     pilots = Autopilots(bridge)
-    for k in range(3):
-        pilots.send(k, frame_of(1, 1000 if k < 2 else 1500, outputs=32 if k == 1 else 16))
-    assert set(bridge.waiting) == {0, 1, 2}
-    bridge.step()
+    texts = pilots.period(frame_of(1, 1000), frame_of(1, 1000, outputs=32), frame_of(1))
     for k, place in enumerate(([-3.0, 0.0, 10.0], [3.0, 0.0, 10.0], [0.0, -5.0, 0.0])):
-        text = pilots.answer(k)
+        text = texts[k]
         assert text[:1] == text[-1:] == b"\n"
         state = json.loads(text)
         assert set(state) == {"timestamp", "imu", "position", "velocity", "quaternion"}
@@ -137,21 +143,16 @@ def test_answers_have_the_published_fields_in_their_frames(bridge: Any) -> None:
 
 
 def test_thrust_is_felt_up_and_a_turn_to_the_right_is_positive(bridge: Any) -> None:
+    """With more thrust of the rotors on its left, a copter rolls to the right."""
     pilots, answers = Autopilots(bridge), []
     for count in range(1, 41):
-        for k in range(3):
-            pwm = [1500] * 16
-            if k == 0:  # more thrust of the rotors on the left: it rolls to the right
-                pwm[:4] = [1400, 1600, 1600, 1400]
-            if k == 2:
-                pwm[0], pwm[2] = 1700, 1300  # the boat turns to the right
-            pilots.send(k, struct.pack("<HHI16H", 18458, 400, count, *pwm))
-        bridge.step()
-        answers = [json.loads(pilots.answer(k)) for k in range(3)]
-    assert answers[0]["imu"]["gyro"][0] > 0.1
-    assert answers[1]["imu"]["accel_body"][2] < -5.0  # down is positive: it is pushed up
-    assert abs(answers[1]["imu"]["gyro"][0]) < 1e-9
-    assert answers[2]["imu"]["gyro"][2] > 0.0
+        rolling = frame_of(count, o0=1400, o1=1600, o2=1600, o3=1400)
+        answers = pilots.period(rolling, frame_of(count), frame_of(count, o0=1700, o2=1300))
+    copter, other, boat = (json.loads(answer)["imu"] for answer in answers)
+    assert copter["gyro"][0] > 0.1
+    assert other["accel_body"][2] < -5.0  # down is positive: it is pushed up
+    assert abs(other["gyro"][0]) < 1e-9
+    assert boat["gyro"][2] > 0.0
 
 
 def test_each_frame_counts_once_and_what_is_none_not_at_all(bridge: Any) -> None:
@@ -159,10 +160,7 @@ def test_each_frame_counts_once_and_what_is_none_not_at_all(bridge: Any) -> None
     for junk in (b"", b"junk", struct.pack("<HHI16H", 1, 400, 1, *[1500] * 16), frame_of(1)[:-2]):
         pilots.send(0, junk)
     assert not bridge.waiting
-    for k in range(3):
-        pilots.send(k, frame_of(7))
-    bridge.step()
-    first = [pilots.answer(k) for k in range(3)]
+    first = pilots.period(*[frame_of(7)] * 3)
     pilots.send(1, frame_of(7, 1900))  # its answer was lost
     assert pilots.answer(1) == first[1]
     pilots.send(1, frame_of(6, 1900))  # it was delayed
@@ -178,9 +176,7 @@ def test_an_autopilot_that_starts_anew_starts_the_run_anew(bridge: Any) -> None:
     """From another port, or from its old one with a count that goes back; what others wait for stays."""
     pilots, others = Autopilots(bridge), Autopilots(bridge)
     for count in (400, 401):
-        for k in range(3):
-            pilots.send(k, frame_of(count))
-        bridge.step()
+        pilots.period(*[frame_of(count)] * 3)
     pilots.send(1, frame_of(402))
     others.send(0, frame_of(0))
     assert bridge.session.time == 0.0
@@ -202,13 +198,8 @@ def test_copters_stand_until_their_rotors_carry_them(bridge: Any) -> None:
     begin = [body.copy() for body in (bridge.poses[0], bridge.poses[1])]
     state: dict[str, Any] = {}
     for count in range(121):
-        pilots.send(0, frame_of(count, 0))
-        pilots.send(1, frame_of(count, 0 if count < 20 else 1900))
-        pilots.send(2, frame_of(count, 0))
-        bridge.step()
-        pilots.answer(1)
-        pilots.answer(2)
-        state = json.loads(pilots.answer(0))
+        rising = frame_of(count, 0 if count < 20 else 1900)
+        state = json.loads(pilots.period(frame_of(count, 0), rising, frame_of(count, 0))[0])
     np.testing.assert_array_equal(bridge.poses[0], begin[0])
     assert state["velocity"] == [0.0, 0.0, 0.0]
     np.testing.assert_allclose(state["imu"]["accel_body"], [0.0, 0.0, -9.81], atol=1e-12)
@@ -220,13 +211,8 @@ def test_velocity_and_acceleration_are_those_of_the_position(bridge: Any) -> Non
     """Of a boat that turns, too: it is steered at a point ahead of the body whose position is told."""
     pilots, states = Autopilots(bridge), []
     for count in range(201):
-        for k in range(3):
-            pwm = [1500] * 16
-            if k == 2:
-                pwm[0], pwm[2] = 1900, 1600
-            pilots.send(k, struct.pack("<HHI16H", 18458, 400, count, *pwm))
-        bridge.step()
-        states.append([json.loads(pilots.answer(k)) for k in range(3)])
+        frames = [frame_of(count), frame_of(count), frame_of(count, o0=1900, o2=1600)]
+        states.append([json.loads(answer) for answer in pilots.period(*frames)])
     for k in range(3):
         position, velocity = (np.array([state[k][key] for state in states]) for key in ("position", "velocity"))
         moved = np.diff(position, axis=0) / EXAMPLE["PERIOD"]
@@ -247,10 +233,7 @@ def test_targets_are_no_vehicles_of_an_autopilot() -> None:
     scenario = mjsheaf.load_scenario(EXAMPLE["SCENARIO"] | {"targets": [target], "sensing": [["D1", "T"]]})
     bridge = EXAMPLE["Bridge"](scenario, first_port=0)
     pilots = Autopilots(bridge)
-    for k in range(3):
-        pilots.send(k, frame_of(0))
-    bridge.step()
-    assert len(json.loads(pilots.answer(2))["position"]) == 3
+    assert len(json.loads(pilots.period(*[frame_of(0)] * 3)[2])["position"]) == 3
     bridge.close()
 
 

@@ -1,10 +1,10 @@
 """Functions that only compiled code calls have no machine code of their own."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.commands import python
 
 PROGRAM = """
 import numpy as np
@@ -41,8 +41,8 @@ def cube(x):
 def run(folder: Path, functions: str, calls: str) -> list[str]:
     file = folder / "program.py"
     file.write_text(PROGRAM.format(functions=functions))
-    code = f"import sys; sys.path.insert(0, {str(folder)!r})\nfrom program import *\n{calls}\nprint(*compiled)"
-    done = subprocess.run([sys.executable, "-B", "-c", code], capture_output=True, text=True, check=True, cwd=folder)
+    done = python(f"from program import *\n{calls}\nprint(*compiled)", cwd=folder, PYTHONDONTWRITEBYTECODE="1")
+    assert done.returncode == 0, done.stderr
     return done.stdout.split()
 
 

@@ -41,16 +41,26 @@ def files(directory: Path, ending: str) -> list[Path]:
     return sorted(directory.rglob(f"*{ending}"))
 
 
-def flipped(content: bytes, place: int) -> bytes:
-    return content[:place] + bytes([content[place] ^ 4]) + content[place + 1 :]
+def flip(path: Path, place: int) -> None:
+    content = bytearray(path.read_bytes())
+    content[place] ^= 4
+    path.write_bytes(content)
 
 
-DAMAGES: dict[str, Callable[[bytes], bytes]] = {
-    "empty": lambda content: b"",
-    "cut": lambda content: content[:100],
-    "noise": lambda content: os.urandom(300),
-    "a bit of it": lambda content: flipped(content, len(content) // 2),
-    "a bit of its hash": lambda content: flipped(content, 3),
+def write_another_form(path: Path) -> None:
+    """Whole, but of a form that this numba does not know, as another version may write."""
+    content = path.read_bytes()[16:][::-1]
+    path.write_bytes(machine_code._hash(content) + content)
+
+
+DAMAGES: dict[str, Callable[[Path], object]] = {
+    "gone": Path.unlink,
+    "empty": lambda path: path.write_bytes(b""),
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:100]),
+    "noise": lambda path: path.write_bytes(os.urandom(300)),
+    "a bit of it": lambda path: flip(path, path.stat().st_size // 2),
+    "a bit of its hash": lambda path: flip(path, 3),
+    "another form": write_another_form,
 }
 
 
@@ -60,28 +70,9 @@ def test_damaged_files_are_compiled_again(directory: Path, damage: str, ending: 
     assert compiled_anew()
     assert not compiled_anew()
     for path in files(directory, ending):
-        path.write_bytes(DAMAGES[damage](path.read_bytes()))
+        DAMAGES[damage](path)
     assert compiled_anew()
     assert not compiled_anew()
-
-
-@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
-def test_files_that_are_gone_are_compiled_again(directory: Path, ending: str) -> None:
-    assert compiled_anew()
-    for path in files(directory, ending):
-        path.unlink()
-    assert compiled_anew()
-    assert not compiled_anew()
-
-
-@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
-def test_code_that_cannot_be_rebuilt_is_compiled_again(directory: Path, ending: str) -> None:
-    """Whole, but of a form that this numba does not know, as another version may write."""
-    assert compiled_anew()
-    for path in files(directory, ending):
-        content = path.read_bytes()[16:][::-1]
-        path.write_bytes(machine_code._hash(content) + content)
-    assert compiled_anew()
 
 
 def test_a_full_disk_is_one_warning(

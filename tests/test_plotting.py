@@ -184,8 +184,7 @@ def test_plots_of_a_run_are_legible(size: int, drawn: list[Figure]) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name",
-    ["midpoint", "harbour", "harbour_lost_hexarotor", "noisy_harbour", "tetrahedron", "certified", "quads"],
+    "name", ["midpoint", "harbour", "harbour_lost_hexarotor", "noisy_harbour", "tetrahedron", "certified", "quads"]
 )
 def test_plots_of_other_teams_are_legible(name: str, drawn: list[Figure]) -> None:
     plots_of(name, {"time.end": 60.0 if "lost" in name else 3.0})

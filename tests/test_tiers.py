@@ -1,7 +1,5 @@
 """Functions that run in Python at first: the same bits as compiled, and compiled once they have enough to do."""
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ import pytest
 import mjsheaf
 from mjsheaf.compile import tiers
 from mjsheaf.compile.jit import Held
+from tests.commands import python
 
 COUNT = """
 from numba.core import event
@@ -75,10 +74,8 @@ def test_python_and_compiled_code_agree_to_the_bit(name: str, monkeypatch: pytes
 @pytest.mark.long
 def test_first_checks_compile_little_and_a_later_one_what_took_time(tmp_path: Path) -> None:
     def compiled() -> set[str]:
-        environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PATH": ""}
-        done = subprocess.run(
-            [sys.executable, "-c", COUNT], env=environment, capture_output=True, text=True, check=True
-        )
+        done = python(COUNT, NUMBA_CACHE_DIR=str(tmp_path))
+        assert done.returncode == 0, done.stderr
         return set(done.stdout.split())
 
     slow = {"_answer", "_follow", "evaluate_law", "apply_forces"}

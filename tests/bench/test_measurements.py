@@ -8,16 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import counting, hardware, peers, processes, simulations
-from benchmarks.measuring import (
-    TOPICS,
-    Row,
-    at_least,
-    at_most,
-    best,
-    informs,
-    run_bench,
-    swarm,
-)
+from benchmarks.measuring import TOPICS, Row, at_least, at_most, best, informs, run_bench, swarm
 from mjsheaf.errors import InputError
 from mjsheaf.loop.session import ENGINES
 from mjsheaf.vectors import rotation

@@ -1,34 +1,27 @@
 """A command imports little before it starts, and a second process finds its kernels compiled."""
 
 import json
-import subprocess
-import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 import mjsheaf
+from tests.commands import IDEAL, python
 
-HEAVY = {
-    "mujoco",
-    "numba",
-    "llvmlite",
-    "matplotlib",
-    "scipy",
-    "numpy",
-    "xarray",
-    "networkx",
-    "yaml",
-    "PIL",
-}
+HEAVY = {"mujoco", "numba", "llvmlite", "matplotlib", "scipy", "numpy", "xarray", "networkx", "yaml", "PIL", "pydantic"}
 
-_COMMAND = """
+_COMMANDS = """
 import json, sys
 from mjsheaf.cli import main
-try:
-    main({arguments!r})
-except SystemExit as stopped:
-    assert not stopped.code, stopped.code
-print(json.dumps(sorted({{name.partition(".")[0] for name in sys.modules}})))
+loaded = []
+for arguments in {commands!r}:
+    try:
+        main(arguments)
+    except SystemExit as stopped:
+        assert not stopped.code, stopped.code
+    loaded.append(sorted(sys.modules))
+print(json.dumps(loaded))
 """
 
 _SIMULATION = """
@@ -47,55 +40,40 @@ print(json.dumps([count("cache_hits"), count("cache_misses")]))
 """
 
 
-def last_line(code: str) -> list[object]:
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    found = json.loads(run.stdout.splitlines()[-1])
-    assert isinstance(found, list)
+def last_line(code: str) -> list[Any]:
+    done = python(code)
+    assert done.returncode == 0, done.stderr
+    found: list[Any] = json.loads(done.stdout.splitlines()[-1])
     return found
 
 
-@pytest.mark.slow(each=True)
 @pytest.mark.parametrize(
-    ("arguments", "may_load"),
+    ("commands", "may_load"),
     [
-        (["--help"], set()),
-        (["--version"], set()),
-        (["run", "--help"], set()),
-        (["list"], {"numpy", "scipy", "yaml", "numba", "llvmlite"}),
-        (["schema"], {"numpy", "scipy", "yaml", "numba", "llvmlite"}),
-        (["sweep", "--help"], set()),
+        ([["--help"], ["--version"]], set()),
+        ([["run", "--help"], ["sweep", "--help"]], {"pydantic"}),
+        ([["list"], ["schema"]], {"numpy", "scipy", "yaml", "numba", "llvmlite", "pydantic"}),
     ],
-    ids=lambda value: "-".join(sorted(value)) or "nothing",
+    ids=["help", "help on a command", "list"],
 )
-def test_a_command_loads_only_what_it_needs(arguments: list[str], may_load: set[str]) -> None:
-    assert HEAVY & set(last_line(_COMMAND.format(arguments=arguments))) <= may_load
+def test_a_command_loads_only_what_it_needs(commands: list[list[str]], may_load: set[str]) -> None:
+    for command, modules in zip(commands, last_line(_COMMANDS.format(commands=commands)), strict=True):
+        assert HEAVY & {name.partition(".")[0] for name in modules} <= may_load, command
 
 
 @pytest.mark.long
-def test_an_ideal_run_without_video_loads_no_drawing(tmp_path: object) -> None:
+def test_an_ideal_run_without_video_loads_no_drawing(tmp_path: Path) -> None:
     """MuJoCo it does load: the files of the vehicles are checked by its compiler before anything is simulated."""
-    arguments = [
-        "run",
-        "midpoint",
-        "--backend",
-        "ideal",
-        "--no-video",
-        "--set",
-        "time.end=0.1",
-        "--out",
-        f"{tmp_path}/o",
-    ]
-    loaded = set(last_line(_COMMAND.format(arguments=arguments).replace('.partition(".")[0]', "")))
-    assert not {"OpenGL", "imageio_ffmpeg", "scipy.signal"} & loaded
+    run = ["run", "midpoint", *IDEAL, "--out", str(tmp_path / "o")]
+    (loaded,) = last_line(_COMMANDS.format(commands=[run]))
+    assert not {"OpenGL", "imageio_ffmpeg", "scipy.signal"} & set(loaded)
 
 
 @pytest.mark.long
 def test_an_ideal_simulation_in_python_loads_neither_mujoco_nor_plots() -> None:
-    code = (
-        "import json, sys, mjsheaf\nmjsheaf.simulate(mjsheaf.load_scenario('midpoint', {'time.end': 0.1}), 'ideal')\n"
-    )
-    loaded = set(last_line(code + "print(json.dumps(list(sys.modules)))"))
-    assert not {"mujoco", "matplotlib"} & loaded
+    run = "mjsheaf.simulate(mjsheaf.load_scenario('midpoint', {'time.end': 0.1}), 'ideal')"
+    loaded = last_line(f"import json, sys, mjsheaf\n{run}\nprint(json.dumps(list(sys.modules)))")
+    assert not {"mujoco", "matplotlib"} & set(loaded)
 
 
 @pytest.mark.slow
@@ -105,7 +83,6 @@ def test_a_second_process_compiles_nothing(backend: str, period: float) -> None:
     code = _SIMULATION.format(backend=backend, period=period)
     last_line(code)
     hits, misses = last_line(code)
-    assert isinstance(hits, int)
     assert hits > 0
     assert misses == 0
 

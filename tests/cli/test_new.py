@@ -14,7 +14,7 @@ import yaml
 from mjsheaf import check, load_scenario, simulate
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import REPOSITORY
-from tests.commands import answer_of, call
+from tests.commands import answer_of, call, is_refusal
 
 
 @pytest.fixture(autouse=True)
@@ -39,9 +39,7 @@ def test_file_is_valid_and_teaches() -> None:
 
 def test_a_file_named_without_its_suffix_is_proposed() -> None:
     assert call("new", "mine") == 0
-    answer = answer_of("check", "mine")
-    assert answer.code == 2
-    assert "did you mean mine.yaml?" in answer.err
+    assert is_refusal(answer_of("check", "mine"), "did you mean mine.yaml?")
 
 
 @pytest.mark.long
@@ -65,9 +63,7 @@ def test_the_commands_it_prints_can_be_pasted() -> None:
 def test_nothing_is_replaced(name: str) -> None:
     path = Path(name if "." in name else f"{name}.yaml")
     path.write_text("# of somebody's own")
-    answer = answer_of("new", name)
-    assert answer.code == 2
-    assert "exists" in answer.err
+    assert is_refusal(answer_of("new", name), "exists")
     assert path.read_text() == "# of somebody's own"
     path.unlink()
     path.symlink_to("nowhere.yaml")
@@ -77,9 +73,7 @@ def test_nothing_is_replaced(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["", ".", "..", ".yaml", "a\nb", "no/such/place", "paper", "/"])
 def test_what_is_no_name_is_refused(name: str) -> None:
-    answer = answer_of("new", name)
-    assert answer.code == 2
-    assert len(answer.err.splitlines()) == 1
+    assert is_refusal(answer_of("new", name))
     assert list(Path().iterdir()) == []
 
 
@@ -151,11 +145,7 @@ def test_files_without_a_flow_are_refused(content: object, words: str, tmp_path:
     elif content:
         data = xr.open_dataset(GYRE).load()
         data.isel({name: slice(0, 4) for name in data.sizes if name != "time"}).to_netcdf(path, engine="h5netcdf")
-    answer = answer_of("new", "mine", "--from-netcdf", "x.nc")
-    assert answer.code == 2
-    assert len(answer.err.splitlines()) == 1
-    assert words in answer.err
-    assert "--from-netcdf" in answer.err
+    assert is_refusal(answer_of("new", "mine", "--from-netcdf", "x.nc"), words, "--from-netcdf")
     assert not Path("mine.yaml").exists()
 
 
@@ -163,8 +153,7 @@ def test_a_file_that_the_scenario_cannot_refer_to_is_refused(tmp_path: Path) -> 
     wind_file(tmp_path / "wind.nc")
     (tmp_path / "sub").mkdir()
     answer = answer_of("new", "sub/mine", "--from-netcdf", "wind.nc")
-    assert answer.code == 2
-    assert "outside the directory of sub/mine.yaml" in answer.err
+    assert is_refusal(answer, "outside the directory of sub/mine.yaml")
     assert not (tmp_path / "sub" / "mine.yaml").exists()
 
 
@@ -216,8 +205,7 @@ def test_a_description_says_what_the_model_says(name: str) -> None:
 def test_a_vehicle_has_the_name_of_no_included_one() -> None:
     shutil.copy(SHIPPED["otter"].with_suffix(".xml"), "model.xml")
     answer = answer_of("new", "otter", "--vehicle", "model.xml")
-    assert answer.code == 2
-    assert "otter: is the name of an included vehicle; expected another name" in answer.err
+    assert is_refusal(answer, "otter: is the name of an included vehicle; expected another name")
     assert call("new", "harbour", "--vehicle", "model.xml") == 0
     assert call("new", "harbour_wind") == 2
 
@@ -243,22 +231,14 @@ def test_a_description_names_what_is_missing() -> None:
 
 @pytest.mark.parametrize(
     ("file", "words"),
-    [
-        ("none.xml", "none.xml"),
-        ("text.xml", "not XML"),
-        ("../above.xml", "lies outside the directory of mine.yaml"),
-    ],
+    [("none.xml", "none.xml"), ("text.xml", "not XML"), ("../above.xml", "lies outside the directory of mine.yaml")],
 )
 def test_no_description_of_what_is_no_model(file: str, words: str) -> None:
     Path("text.xml").write_text("hello")
-    answer = answer_of("new", "mine", "--vehicle", file)
-    assert answer.code == 2
-    assert "--vehicle" in answer.err
-    assert words in answer.err
+    assert is_refusal(answer_of("new", "mine", "--vehicle", file), "--vehicle", words)
     assert not Path("mine.yaml").exists()
 
 
 def test_a_vehicle_and_a_flow_are_two_files() -> None:
     answer = answer_of("new", "mine", "--vehicle", "model.xml", "--from-netcdf", "flow.nc")
-    assert answer.code == 2
-    assert "expected one of them" in answer.err
+    assert is_refusal(answer, "expected one of them")

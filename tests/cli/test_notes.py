@@ -16,7 +16,7 @@ from mjsheaf.runs.diagnostics import _about_the_surface, notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import QUADROTOR_PAIR
-from tests.commands import call
+from tests.commands import answer_of
 
 CALM: dict[str, Any] = {
     "name": "calm",
@@ -197,18 +197,20 @@ def test_the_paper_s_bodies_go_through_each_other_and_a_world_says_nothing() -> 
     assert np.sort(apart)[1] == pytest.approx(close.number, abs=1e-9)
 
 
-@pytest.mark.slow
-def test_run_prints_what_the_summary_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.usefixtures("without_plots")
+def test_run_prints_what_the_summary_has_by_importance(tmp_path: Path) -> None:
+    """A limit matters more than a team that still approaches, and that more than an aircraft below the surface."""
     path, out = tmp_path / "calm.yaml", tmp_path / "out"
     path.write_text(json.dumps(CALM))
     changes = ["--set", "scene.height=5.5", "--set", "agents.Q1.position=[0, 60, 5]", "--no-video"]
-    assert call("run", path, "--backend", "ideal", *changes, "--out", out) == 0
-    printed, summary = capsys.readouterr(), json.loads((out / "summary.json").read_text())
-    assert printed.err == ""
-    words = " ".join(printed.out.split())
-    assert all(f"note: {note['text']}" in words for note in summary["notes"])
-    assert {note["kind"]: note["agent"] for note in summary["notes"]} == {
-        "approaching": None,
-        "limited": "Q1",
-        "submerged": "Q1",
-    }
+    answer = answer_of("run", path, "--backend", "ideal", *changes, "--out", out)
+    assert (answer.code, answer.err) == (0, "")
+    notes = json.loads((out / "summary.json").read_text())["notes"]
+    words = " ".join(answer.out.split())
+    places = [words.index(f"note: {note['text']}") for note in notes]
+    assert places == sorted(places)
+    assert [(note["kind"], note["agent"]) for note in notes] == [
+        ("limited", "Q1"),
+        ("approaching", None),
+        ("submerged", "Q1"),
+    ]

@@ -3,7 +3,6 @@
 import io
 import sys
 import time
-from collections.abc import Callable
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +14,7 @@ from numba.core import event
 from mjsheaf import progress
 from mjsheaf.cli import options
 from mjsheaf.compile import jit
+from tests.commands import wait_until
 
 
 def redirect(monkeypatch: pytest.MonkeyPatch) -> tuple[io.StringIO, io.StringIO]:
@@ -74,13 +74,6 @@ class Screen(io.StringIO):
 
     def isatty(self) -> bool:
         return True
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    begun = time.monotonic()
-    while not condition():
-        assert time.monotonic() - begun < 10.0
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("terminal_there", [True, False])

@@ -13,7 +13,7 @@ import pytest
 from mjsheaf import load_scenario
 from mjsheaf.errors import ScenarioError
 from tests.builders import refused
-from tests.commands import call, one_line
+from tests.commands import all_contents, answer_of, call, is_refusal, one_line
 
 pytestmark = pytest.mark.usefixtures("without_plots")
 
@@ -60,14 +60,11 @@ def test_a_rerun_replaces_its_own_and_says_so(project: Path, capsys: pytest.Capt
 
 def test_another_scenario_of_the_same_name_is_left_alone(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("a.yaml") == 0
-    kept = {path.name: path.read_bytes() for path in Path("runs/same-ideal").iterdir()}
+    kept = all_contents(Path("runs"))
     capsys.readouterr()
     assert run("b/other.yaml") == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    for word in ("runs/same-ideal", "a.yaml", "b/other.yaml", "--out"):
-        assert word in told
-    assert {path.name: path.read_bytes() for path in Path("runs/same-ideal").iterdir()} == kept
+    assert one_line(capsys.readouterr().err, "runs/same-ideal", "a.yaml", "b/other.yaml", "--out")
+    assert all_contents(Path("runs")) == kept
     assert run("b/other.yaml", "--out", "runs/same-ideal") == 0  # the user says so
     assert summary()["origin"] == "../../b/other.yaml"
 
@@ -96,12 +93,11 @@ def test_a_run_from_before_origins_were_kept_is_replaced(project: Path) -> None:
     assert run("b/other.yaml") == 0
 
 
-def test_a_comparison_keeps_its_place_likewise(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_comparison_keeps_its_place_likewise(project: Path) -> None:
     """Without the cost of two comparisons: what a run of another scenario left stands in the way."""
     assert run("a.yaml") == 0
     shutil.move("runs/same-ideal", "runs/same-compare")
-    assert call("compare", "b/other.yaml", "--no-video") == 2
-    assert one_line(capsys.readouterr().err, "b/other.yaml", "--out")
+    assert is_refusal(answer_of("compare", "b/other.yaml", "--no-video"), "b/other.yaml", "--out")
 
 
 def test_a_mapping_is_a_scenario() -> None:

@@ -183,40 +183,9 @@ def test_info_names_the_seed() -> None:
 
 
 @pytest.mark.slow
-def test_runs_of_a_vector_are_single_environments_whenever_they_end() -> None:
-    """Each goes on by its own seeds: rewards, observations and seeds are those of `env`, to the bit."""
-    scenario = random_scenario()
-    runs: Any = vector_env(scenario, 3)
-    assert runs._worlds is not None
-    alone = [env(scenario, engine="fused") for _ in range(3)]
-    found, _ = runs.reset(seed=4)
-    expected = [one.reset(seed=4 + k)[0] for k, one in enumerate(alone)]
-    np.testing.assert_array_equal(found, expected)
-    rng = np.random.default_rng(2)
-    ended = np.zeros(3, dtype=np.bool_)
-    for step in range(25):
-        if step == 3:
-            found, _ = runs.reset(options={"reset_mask": np.array([False, True, False])})
-            np.testing.assert_array_equal(found[1], alone[1].reset()[0])
-        actions = rng.uniform(-1.0, 1.0, runs.action_space.shape)
-        found, rewards, _, truncated, info = runs.step(actions)
-        for k, one in enumerate(alone):
-            if ended[k]:
-                own, named = one.reset()
-                assert (info["seed"][k], rewards[k]) == (named["seed"], 0.0)
-                over = False
-            else:
-                own, reward, _, over, _ = one.step(actions[k])
-                assert rewards[k] == reward
-            np.testing.assert_array_equal(found[k], own)
-            assert truncated[k] == over
-            ended[k] = over
-    assert runs._worlds is not None
-
-
-@pytest.mark.slow
 def test_runs_whose_seeds_change_what_they_share_go_on_one_by_one() -> None:
     """Frozen gusts have as many nodes as the ways along which vehicles may go, which begin where a seed draws them."""
+    gusts = {"kind": "dryden", "wind_speed": 6, "frozen": True}
     scenario = load_scenario(
         {
             "name": "frozen",
@@ -227,13 +196,7 @@ def test_runs_whose_seeds_change_what_they_share_go_on_one_by_one() -> None:
             "communication": [["A", "B"]],
             "sensing": [["A", "T"]],
             "spread": {"position": 4},
-            "flow": {
-                "air": {
-                    "dimension": 3,
-                    "drift": [1, 0, 0],
-                    "gusts": {"kind": "dryden", "wind_speed": 6, "frozen": True},
-                }
-            },
+            "flow": {"air": {"dimension": 3, "drift": [1, 0, 0], "gusts": gusts}},
             "physics": {"timestep": 0.01},
         }
     )
@@ -244,27 +207,6 @@ def test_runs_whose_seeds_change_what_they_share_go_on_one_by_one() -> None:
         own, named = alone.reset(seed=seed)
         assert info["seed"][0] == named["seed"]
         np.testing.assert_array_equal(found[0], own)
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [("harbour_gusts", {}), ("open_sea", {}), ("quads", {"spread.position": 0.3}), ("noisy_harbour", {})],
-)
-@pytest.mark.long
-def test_new_episodes_of_shipped_scenarios(name: str, change: dict[str, Any]) -> None:
-    """Gusts, waves, rotors and noise of runs that are stepped together are those of `env`, to the bit."""
-    period = load_scenario(name).whole.grid.period
-    scenario = load_scenario(name, {"physics.contacts": False, "time.end": 4 * period} | change)
-    runs: Any = vector_env(scenario, 2)
-    alone = [env(scenario, engine="fused") for _ in range(2)]
-    together = runs._worlds is not None
-    np.testing.assert_array_equal(runs.reset(seed=3)[0], [one.reset(seed=3 + k)[0] for k, one in enumerate(alone)])
-    zero = np.zeros(runs.action_space.shape)
-    for step in range(15):
-        found = runs.step(zero)[0]
-        expected = [one.reset()[0] if step % 5 == 4 else one.step(zero[0])[0] for one in alone]
-        np.testing.assert_array_equal(found, expected)
-    assert (runs._worlds is not None) is together
 
 
 @pytest.mark.slow

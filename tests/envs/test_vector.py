@@ -13,9 +13,9 @@ from gymnasium.vector import AutoresetMode
 from mjsheaf import load_scenario, simulate_many
 from mjsheaf.envs import env, vector_env
 from mjsheaf.errors import InputError
-from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
-from tests.builders import mixed_scenario, refused
+from tests.builders import chase, mixed_scenario, refused
 from tests.envs.test_faces import still
 
 NOISY = {"all": {"delay": 0.02, "noise": 0.2, "loss": 0.3, "range": 50.0}}
@@ -32,30 +32,46 @@ CHANGES: dict[str, dict[str, Any]] = {
 }
 COMPILED = ["links", "terms", "safe"]  # which take a while to compile
 WORLDS = 5
+SPREAD = {"quads": {"spread.position": 0.3}}
 SHIPPED = ["harbour", "open_sea", "paper_safe", "noisy_harbour", "double_gyre", "harbour_lost_hexarotor"]
+SHIPPED += ["harbour_gusts", *SPREAD]
 if os.environ.get("MJSHEAF_SCENARIOS") == "all":
     SHIPPED = list(list_scenarios())
 
 
 def compare(scenario: Scenario, periods: int, *, together: bool = True, **options: Any) -> None:
-    """Compare the runs of a vector environment with environments of their seeds, under random actions."""
-    worlds = vector_env(scenario, WORLDS, autoreset_mode=AutoresetMode.DISABLED, **options)
+    """Compare the runs of a vector environment with environments of their seeds, under random actions.
+
+    Each goes on by its own seeds into new episodes, whenever it ends; one is reset on the way.
+    """
+    worlds: Any = vector_env(scenario, WORLDS, **options)
     assert (worlds._worlds is not None) is together
     alone = [env(scenario.with_seed(scenario.seed + k), engine="fused", **options) for k in range(WORLDS)]
     rng = np.random.default_rng(3)
     found, _ = worlds.reset()
     np.testing.assert_array_equal(found, [one.reset()[0] for one in alone])
-    for _ in range(periods):
+    ended = [False] * WORLDS
+    for period in range(periods):
+        if period == 3:
+            found, _ = worlds.reset(options={"reset_mask": np.arange(WORLDS) == 1})
+            np.testing.assert_array_equal(found[1], alone[1].reset()[0])
+            ended[1] = False
         actions = rng.uniform(-1.5, 1.5, still(worlds.action_space).shape)
-        found, rewards, terminated, truncated, _ = worlds.step(actions)
-        steps = [one.step(action) for one, action in zip(alone, actions, strict=True)]
-        np.testing.assert_array_equal(found, [step[0] for step in steps])
-        np.testing.assert_array_equal(rewards, [step[1] for step in steps])
-        np.testing.assert_array_equal(terminated, [step[2] for step in steps])
-        np.testing.assert_array_equal(truncated, [step[3] for step in steps])
-        for one, other in zip(worlds.envs, alone, strict=True):
-            np.testing.assert_array_equal(one.episode.world.positions(), other.episode.world.positions())
-            assert one.episode.world.time == other.episode.world.time
+        *found, info = worlds.step(actions)
+        for k, (one, action) in enumerate(zip(alone, actions, strict=True)):
+            if ended[k]:
+                own, named = one.reset()
+                expected = own, 0.0, False, False
+                assert info["seed"][k] == named["seed"]
+            else:
+                expected = one.step(action)[:4]
+            for own, other in zip(found, expected, strict=True):
+                np.testing.assert_array_equal(own[k], other)
+            place = worlds.envs[k].episode.world
+            np.testing.assert_array_equal(place.positions(), one.episode.world.positions())
+            assert place.time == one.episode.world.time
+            ended[k] = expected[2] or expected[3]
+    assert (worlds._worlds is not None) is together
 
 
 @pytest.mark.slow
@@ -64,7 +80,8 @@ def compare(scenario: Scenario, periods: int, *, together: bool = True, **option
 )
 @pytest.mark.parametrize("options", [{}, {"action": "velocity", "parts": ["received", "measurements", "velocity"]}])
 def test_every_run_is_that_of_its_seed(name: str, options: dict[str, Any]) -> None:
-    compare(mixed_scenario(**{"time": {"end": 0.6}} | CHANGES[name]), 8, **options)
+    end = 0.25 if name == "held" else 0.05
+    compare(mixed_scenario(**{"time": {"end": end}} | CHANGES[name]), 15, **options)
 
 
 @pytest.mark.slow
@@ -82,14 +99,14 @@ def test_runs_that_no_batch_takes_are_stepped_one_by_one(change: dict[str, Any])
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_scenarios(name: str) -> None:
-    """`MJSHEAF_SCENARIOS=all` tries every one."""
-    scenario = load_scenario(name)
+    """Gusts, waves, rotors and noise, in new episodes too. `MJSHEAF_SCENARIOS=all` tries every one."""
+    change: dict[str, Any] = {"physics.contacts": False} | SPREAD.get(name, {})
+    scenario = load_scenario(name, change)
     if scenario.expect.refused is not None or len(scenario.agents) > 100:
         return
-    end = {} if scenario.events else {"time.end": scenario.time.start + 12 * scenario.whole.grid.period}
-    scenario = load_scenario(name, end | {"physics.contacts": False})
-    worlds = vector_env(scenario, 2)
-    compare(scenario, 10, together=worlds._worlds is not None)
+    end = {} if scenario.events else {"time.end": scenario.time.start + 4 * scenario.whole.grid.period}
+    scenario = load_scenario(name, change | end)
+    compare(scenario, 15, together=vector_env(scenario, 2)._worlds is not None)
 
 
 def test_zero_actions_are_a_batch_to_the_bit() -> None:
@@ -100,11 +117,13 @@ def test_zero_actions_are_a_batch_to_the_bit() -> None:
     expected: Any = simulate_many([scenario.with_seed(11 + k) for k in range(4)], engine="fused")
     zero = still(worlds.action_space)
     for k in range(1, expected[0].sizes["time"]):
-        worlds.step(zero)
-        for one, run in zip(worlds.envs, expected, strict=True):
+        _, rewards, _, truncated, _ = worlds.step(zero)
+        for one, run, reward in zip(worlds.envs, expected, rewards, strict=True):
             place = run["agent_position"].values[k]
             found = one.episode.world.positions()[: len(place)]
             np.testing.assert_array_equal(found[~np.isnan(place)], place[~np.isnan(place)])
+            assert reward == pytest.approx(-np.nansum(run["tracking_error"].values[k] ** 2))
+    assert truncated.all()
 
 
 def test_runs_end_and_begin_again_each_at_its_own_time() -> None:
@@ -127,28 +146,13 @@ def test_runs_end_and_begin_again_each_at_its_own_time() -> None:
     np.testing.assert_array_equal(found[1], expected)
 
 
-def test_one_run_and_its_seeds() -> None:
-    scenario = mixed_scenario(**{"time": {"end": 0.1}} | CHANGES["links"])
-    worlds = vector_env(scenario, 1, same_episode=True)
-    first, _ = worlds.reset(seed=7)
-    worlds.step(still(worlds.action_space))
-    again, _ = worlds.reset()
-    np.testing.assert_array_equal(first, again)
-    zero = still(worlds.action_space)
-    own = [worlds.step(zero)[0] for _ in range(5)]
-    worlds.reset(seed=8)
-    assert any((worlds.step(zero)[0] != one).any() for one in own)
-
-
 def test_a_new_seed_changes_neither_recorded_paths_nor_fixed_targets() -> None:
     """Agents begin elsewhere, and the runs stay together: all that targets do is shared."""
     targets = [{"id": "beacon", "position": [5, 1], "motion": {"kind": "fixed"}}]
     targets += [{"id": "lead", "position": [5, 9], "motion": {"kind": "waypoints", "points": [[9, 9]], "speed": 1}}]
-    agents = [{"id": name, "position": [k, 0]} for k, name in enumerate(("near", "far"))]
-    scenario = scenario_from_mapping(
-        {"name": "herd", "time": {"end": 0.1}, "agents": agents, "targets": targets, "spread": {"position": 0.5}}
-        | {"sensing": [["near", "beacon"], ["far", "lead"]], "communication": [["near", "far"]]}
-    )
+    agents = [{"id": name, "position": [k, 0]} for k, name in enumerate("AB")]
+    spread, sensing = {"position": 0.5}, [["A", "beacon"], ["B", "lead"]]
+    scenario = chase(0.1, agents=agents, targets=targets, spread=spread, sensing=sensing)
     worlds = vector_env(scenario, 2)
     found, _ = worlds.reset(seed=5)
     assert worlds._worlds is not None
@@ -160,19 +164,6 @@ def test_a_new_seed_changes_neither_recorded_paths_nor_fixed_targets() -> None:
         worlds.step(zero)
     for one, run in zip(worlds.envs, expected, strict=True):
         np.testing.assert_array_equal(one.episode.world.positions()[:2, :2], run["agent_position"].values[3][:, :2])
-
-
-@pytest.mark.long
-def test_a_new_seed_changes_the_sea() -> None:
-    """All vehicles of a run meet the same waves, and those of another seed are others."""
-    period = load_scenario("open_sea").whole.grid.period
-    scenario = load_scenario("open_sea", {"time.end": 6 * period})
-    worlds = vector_env(scenario, 1)
-    found, _ = worlds.reset(seed=5)
-    other = env(scenario.with_seed(5), engine="fused")
-    np.testing.assert_array_equal(found[0], other.reset()[0])
-    zero = still(worlds.action_space)
-    np.testing.assert_array_equal(worlds.step(zero)[0][0], other.step(zero[0])[0])
 
 
 def test_a_run_that_diverges_ends_alone() -> None:

@@ -7,7 +7,6 @@ import json
 import struct
 import sys
 import zlib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.cli import main
 from mjsheaf.errors import InputError
 from mjsheaf.export import export_run
 from mjsheaf.export.log import FORMATS, PALETTE, TOPICS, require_installed
@@ -33,6 +31,8 @@ from mjsheaf.results.dataset import VARIABLES
 from mjsheaf.results.store import send, split
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import Scenario
+from tests.commands import answer_of, is_refusal
+from tests.oracles.residuals import residual_of
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +56,12 @@ def write(
     return path
 
 
-def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
+Messages = dict[str, list[tuple[int, Any]]]
+
+
+def messages(path: Path) -> Messages:
     """Return the messages of an MCAP file by topic, each with its time, ns; CRCs are checked."""
-    found: dict[str, list[tuple[int, Any]]] = {}
+    found: Messages = {}
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         for _, channel, message, decoded in reader.iter_decoded_messages():
@@ -66,9 +69,9 @@ def messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
-def bag(path: Path) -> dict[str, list[tuple[int, Any]]]:
+def bag(path: Path) -> Messages:
     """Return the messages of a bag of ROS 2 by topic, each with its time, ns."""
-    found: dict[str, list[tuple[int, Any]]] = {}
+    found: Messages = {}
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection, time, data in reader.messages():
             found.setdefault(connection.topic, []).append((time, reader.deserialize(data, connection.msgtype)))
@@ -108,36 +111,37 @@ def test_a_run_without_targets_is_exported(tmp_path: Path) -> None:
     assert "/vehicles" in bag(write("ros2", tmp_path / "bag", run, team))
 
 
-def test_poses_and_counts_of_mcap_are_those_of_the_run(run: xr.Dataset, scenario: Scenario, tmp_path: Path) -> None:
-    found = messages(write("mcap", tmp_path / "run.mcap", run, scenario, samples=7))
+READERS = {
+    "mcap": (messages, ("/errors", "/commands")),
+    "ros2": (bag, ("/errors/disagreement", "/commands/velocity_command")),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_poses_and_counts_are_those_of_the_run(name: str, run: xr.Dataset, scenario: Scenario, tmp_path: Path) -> None:
+    read, topics = READERS[name]
+    found = read(write(name, tmp_path / name, run, scenario, samples=7))
     times = np.rint(1e9 * run["time"].values).astype(int).tolist()
-    for topic in ("/tf", "/scene", "/errors", "/commands"):
+    for topic in ("/tf", "/scene", *topics):
         assert [time for time, _ in found[topic]] == times, topic
     expected = poses_of(run, scenario)
-    assert len(found["/vehicles"]) == 1
-    assert {e.frame_id for e in found["/vehicles"][0][1].entities} == set(expected)
     for k, (time, message) in enumerate(found["/tf"]):
         assert [t.child_frame_id for t in message.transforms] == list(expected)
-        for transform in message.transforms:
-            pose = numbers(transform.translation, "xyz") + numbers(transform.rotation, "xyzw")
-            assert pose == expected[transform.child_frame_id][k].tolist()
-            assert transform.timestamp.seconds * 10**9 + transform.timestamp.nanos == time
+        for one in message.transforms:
+            place = one if name == "mcap" else one.transform
+            pose = numbers(place.translation, "xyz") + numbers(place.rotation, "xyzw")
+            assert pose == expected[one.child_frame_id][k].tolist()
+            if name == "mcap":
+                assert one.timestamp.seconds * 10**9 + one.timestamp.nanos == time
+    if name == "mcap":
+        assert len(found["/vehicles"]) == 1
+        assert {e.frame_id for e in found["/vehicles"][0][1].entities} == set(expected)
 
 
-def test_poses_and_counts_of_a_bag_are_those_of_the_run(run: xr.Dataset, scenario: Scenario, tmp_path: Path) -> None:
-    (tmp_path / "run_ros2").mkdir()
-    found = bag(write("ros2", tmp_path / "run_ros2", run, scenario, samples=7))
-    times = np.rint(1e9 * run["time"].values).astype(int).tolist()
-    expected = poses_of(run, scenario)
-    for topic in ("/tf", "/scene", "/errors/disagreement", "/commands/velocity_command"):
-        assert [time for time, _ in found[topic]] == times, topic
-    for k, (_, message) in enumerate(found["/tf"]):
-        for transform in message.transforms:
-            pose = numbers(transform.transform.translation, "xyz") + numbers(transform.transform.rotation, "xyzw")
-            assert pose == expected[transform.child_frame_id][k].tolist()
-    for topic, message in ((t, m) for t, (_, m) in ((t, found[t][-1]) for t in found if t.startswith("/errors/"))):
-        values = run[topic.rpartition("/")[2]].values[-1]
-        np.testing.assert_array_equal(message.data, np.ravel(values))
+def test_values_of_a_bag_are_those_of_the_run(run: xr.Dataset, scenario: Scenario, tmp_path: Path) -> None:
+    found = bag(write("ros2", tmp_path / "run_ros2", run, scenario))
+    for topic in (topic for topic in found if topic.startswith("/errors/")):
+        np.testing.assert_array_equal(found[topic][-1][1].data, np.ravel(run[topic.rpartition("/")[2]].values[-1]))
     for _, message in found["/scene"]:
         assert {marker.header.frame_id for marker in message.markers} == {"world"}
 
@@ -210,8 +214,7 @@ def test_edges_are_coloured_by_their_residuals_and_join_their_ends(scenario: Sce
         expected = {}
         for edge in edges:
             tail, head = (poses[end][k, :3] for end in (edge.tail, edge.head))
-            z = edge.F_tail @ tail[: edge.F_tail.shape[1]] - edge.F_head @ head[: edge.F_head.shape[1]] - edge.b
-            part = np.log10(np.linalg.norm(z) / 0.01) / 3.0
+            part = np.log10(residual_of(edge, tail, head) / 0.01) / 3.0
             expected[tuple(tail.tolist()), tuple(head.tolist())] = int(np.clip(np.floor(16 * part), 0, 15))
         assert drawn == expected
 
@@ -326,23 +329,15 @@ def test_a_failed_export_leaves_what_was_there(finished: Path, monkeypatch: pyte
     assert not any("part" in path.name for path in finished.iterdir())
 
 
-def complaint(arguments: Sequence[object], capsys: pytest.CaptureFixture[str]) -> str:
-    with pytest.raises(SystemExit) as stopped:
-        main([str(argument) for argument in arguments])
-    assert stopped.value.code == 2
-    errors = capsys.readouterr().err
-    return errors[errors.index("mjsheaf: ") :]
-
-
-def test_mistakes_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "empty").mkdir()
-    assert "expected --mcap, --ros2 or both" in complaint(["export", tmp_path], capsys)
-    assert "holds no result.nc" in complaint(["export", tmp_path / "empty", "--mcap"], capsys)
-    out: list[object] = ["--mcap", "--out", tmp_path / "run.bag"]
-    assert "expected a file whose name ends in .mcap" in complaint(["export", tmp_path, *out], capsys)
-    both: list[object] = ["--mcap", "--ros2", "--out", tmp_path / "run.mcap"]
-    assert "only one of --mcap and --ros2" in complaint(["export", tmp_path, *both], capsys)
-    assert not list((tmp_path / "empty").iterdir())
+def test_mistakes_are_named(tmp_path: Path) -> None:
+    empty, out = tmp_path / "empty", ("--out", tmp_path / "run.mcap")
+    empty.mkdir()
+    assert is_refusal(answer_of("export", tmp_path), "expected --mcap, --ros2 or both")
+    assert is_refusal(answer_of("export", empty, "--mcap"), "holds no result.nc")
+    answer = answer_of("export", tmp_path, "--mcap", "--out", tmp_path / "run.bag")
+    assert is_refusal(answer, "expected a file whose name ends in .mcap")
+    assert is_refusal(answer_of("export", tmp_path, "--mcap", "--ros2", *out), "only one of --mcap and --ros2")
+    assert not list(empty.iterdir())
 
 
 @pytest.mark.parametrize(("name", "package"), [("mcap", "mcap_protobuf"), ("ros2", "rosbags")])

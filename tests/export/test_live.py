@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mjsheaf import load_scenario, simulate
 from mjsheaf.export import live as served
 from tests.builders import REPOSITORY
-from tests.commands import call
+from tests.commands import IDEAL, call
 
 CLIENT = REPOSITORY / "web" / "foxglove_client.mjs"
 needs_client = pytest.mark.skipif(
@@ -130,11 +130,12 @@ def test_a_client_that_says_nothing_does_not_hold_the_run(port: int, tmp_path: P
         assert time.monotonic() - begun < 10.0
 
 
-@pytest.mark.slow
-def test_nothing_listens_unless_asked(port: int, tmp_path: Path) -> None:
-    assert call("run", "midpoint", "--backend", "ideal", "--no-video", "--out", tmp_path / "run") == 0
-    with socket.socket() as client:
-        assert client.connect_ex(("127.0.0.1", port)) != 0
+@pytest.mark.usefixtures("without_plots")
+def test_nothing_listens_unless_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(served.Log, "__init__", lambda *_, **__: pytest.fail("a server was made"))
+    assert call("run", "midpoint", *IDEAL, "--out", tmp_path / "run") == 0
+    with pytest.raises(pytest.fail.Exception):
+        call("run", "midpoint", *IDEAL, "--live", "--out", tmp_path / "live")
 
 
 def test_events_of_a_user_are_served_too(port: int, tmp_path: Path) -> None:

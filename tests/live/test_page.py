@@ -1,7 +1,6 @@
 """The live page in a real browser: what is pressed there happens in the run, and the recorded scenario repeats it."""
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,9 @@ import pytest
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.runs.publish import write_scenario
-from tests.live.test_view import NAMES, Watched
-from tests.page.browser import missing, open_browser
+from tests.live.test_random_sessions import NAMES
+from tests.live.test_view import Watched
+from tests.page.browser import missing, open_page
 from tests.page.test_browser import UNNAMED, wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(missing()), reason=f"no browser: {missing()}")]
@@ -27,24 +27,6 @@ FOLLOWS = """(seconds) => {
 }"""
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with open_browser() as opened:
-        yield opened
-
-
-def open_live(browser: Any, url: str, **context: Any) -> Any:
-    """The page of a run in progress, with its failures and requests as lists."""
-    page = browser.new_context(viewport={"width": 1200, "height": 760}, **context).new_page()
-    page.failures, page.requests = [], []
-    page.on("pageerror", lambda error: page.failures.append(str(error)))
-    page.on("console", lambda said: page.failures.append(said.text) if said.type == "error" else None)
-    page.on("request", lambda request: page.requests.append(request.url))
-    page.goto(url)
-    page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
-    return page
-
-
 def press(page: Any, name: str) -> None:
     page.locator("#live button", has_text=name).click()
 
@@ -53,7 +35,7 @@ def press(page: Any, name: str) -> None:
 def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_path: Path) -> None:
     scenario = load_scenario("paper", {"time.end": 30})
     with Watched(scenario, "ideal", speed=1.0) as run:
-        page = open_live(browser, run.url)
+        page = open_page(browser, run.url, width=1200, height=760)
         wait_until(page, "window.mjsheaf.run.end > 0.5")
         assert page.evaluate(UNNAMED) == []
         page.get_by_label("Agent", exact=True).select_option("A5")
@@ -84,7 +66,7 @@ def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_pa
         page.select_option("#speed", str(math.inf).replace("inf", "Infinity"))
         wait_until(page, "document.getElementById('worst').textContent.startsWith('Ended')", 60.0)
         assert page.evaluate("window.mjsheaf.run.end") == pytest.approx(30.0)
-        assert page.failures == []
+        assert page.failures == [words for kind, words in page.words if kind == "error"] == []
         assert [url for url in page.requests if not url.startswith(run.url.split("?")[0])] == []
         page.context.close()
     (recorded,) = run.recorded
@@ -97,12 +79,12 @@ def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_pa
 @pytest.mark.long
 def test_a_reloaded_page_has_the_whole_run_and_a_second_one_cannot_control_it(browser: Any) -> None:
     with Watched(load_scenario("midpoint", {"time.end": 300}), "ideal", speed=10.0) as run:
-        page = open_live(browser, run.url)
+        page = open_page(browser, run.url, width=1200, height=760)
         wait_until(page, "window.mjsheaf.run.end > 5")
         page.reload()
         page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
         assert page.evaluate("window.mjsheaf.run.time.length") > 100
-        other = open_live(browser, run.url)
+        other = open_page(browser, run.url, width=1200, height=760)
         wait_until(other, "document.getElementById('worst').textContent.includes('Another page controls this run')")
         assert other.locator("#live button:enabled").count() == 0
         other.context.close()
@@ -111,33 +93,24 @@ def test_a_reloaded_page_has_the_whole_run_and_a_second_one_cannot_control_it(br
         page.context.close()
 
 
+SOCKET = """address => new Promise(done => { const s = new WebSocket(address);
+    s.onopen = () => done('open'); s.onerror = () => done('refused'); })"""
+READ = "address => fetch(address).then(a => a.text()).catch(() => 'refused')"
+FRAME = """address => { const f = document.createElement('iframe'); f.src = address; document.body.append(f);
+    return new Promise(d => f.onload = () => {
+        try { d(String(f.contentDocument?.title ?? 'refused')); } catch { d('refused'); } }); }"""
+
+
 def test_a_hostile_page_cannot_control_the_run(browser: Any) -> None:
     """It knows the port, but neither the token nor, with it, the origin."""
     with Watched(load_scenario("midpoint", {"time.end": 60}), "ideal", speed=1.0) as run:
-        page = open_live(browser, run.url)
+        page = open_page(browser, run.url, width=1200, height=760)
         hostile = browser.new_context().new_page()
         hostile.goto("data:text/html,<p>hostile</p>")
-        base = run.url.split("?")[0]
-        for address in (f"{base}live".replace("http", "ws"), run.url.replace("http", "ws").replace("/?", "/live?")):
-            assert (
-                hostile.evaluate(
-                    "address => new Promise(done => { const s = new WebSocket(address); s.onopen = () => done('open');"
-                    " s.onerror = () => done('refused'); })",
-                    address,
-                )
-                == "refused"
-            )
-        read = "address => fetch(address).then(a => a.text()).catch(() => 'refused')"
-        assert hostile.evaluate(read, run.url) == "refused"
-        assert (
-            hostile.evaluate(
-                "address => { const f = document.createElement('iframe'); f.src = address;"
-                " document.body.append(f); return new Promise(d => f.onload = () => {"
-                " try { d(String(f.contentDocument?.title ?? 'refused')); } catch { d('refused'); } }); }",
-                run.url,
-            )
-            == "refused"
-        )
+        socket = run.url.replace("http", "ws").replace("/?", "/live?")
+        ways = ((SOCKET, socket.split("?")[0]), (SOCKET, socket), (READ, run.url), (FRAME, run.url))
+        for way, address in ways:
+            assert hostile.evaluate(way, address) == "refused", (way, address)
         wait_until(page, "window.mjsheaf.run.end > 0.5")
         page.context.close()
         hostile.context.close()

@@ -19,6 +19,10 @@ from mjsheaf.scenario import Scenario
 PERIODS = 50
 SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
     "paper": ("paper", {}),
+    "paper over links": (
+        "paper",
+        {"controller.integral.gain": 0.5, "links.all.delay": 0.03, "links.all.noise": 0.1, "links.all.loss": 0.2},
+    ),
     "feedforward": ("paper_feedforward", {}),
     "extrapolated": ("harbour_feedforward", {"controller.feedforward.extrapolate": True}),
     "newton": ("midpoint", {"controller.newton.rounds": 2, "controller.integral.gain": 0.1}),
@@ -77,16 +81,17 @@ def require_repeated(name: str, backend: str, engine: str, seed: int, folder: Pa
             assert chunk is not None
             chunks.append(chunk)
         recorded = session.scenario
-    again = simulate(
-        load_scenario(str(write_scenario(recorded, folder))), backend, engine=engine, threads=1, progress=False
-    )
+    given: dict[str, Any] = {"engine": engine, "threads": 1, "progress": False}
+    again = simulate(load_scenario(str(write_scenario(recorded, folder))), backend, **given)
+    untouched = simulate(scenario, backend, **given)
+    assert not np.array_equal(untouched.agent_position, again.agent_position)
     for variable in NAMES:
         seen = np.concatenate([chunk[variable].values for chunk in chunks])
         np.testing.assert_array_equal(seen, again[variable].values, err_msg=f"{name} {seed} {variable}")
     return len(recorder.events)
 
 
-@pytest.mark.parametrize("name", ["feedforward", "newton"])
+@pytest.mark.parametrize("name", ["feedforward", "newton", "paper over links"])
 def test_a_random_session_is_repeated_by_its_recording(name: str, tmp_path: Path) -> None:
     assert require_repeated(name, "ideal", "mujoco", 1, tmp_path) > 3
 

@@ -15,9 +15,10 @@ from mjsheaf.results.store import Memory
 from mjsheaf.runs.publish import write_scenario
 from mjsheaf.scenario import Scenario
 from tests.live.client import do, get, joined, next_state
+from tests.live.test_random_sessions import NAMES
 from tests.page.pages import positions_of, said_in, series_in
 
-NAMES = ("agent_position", "target_position", "disagreement", "tracking_error", "velocity_command", "phase")
+LINKS = {"links.all.delay": 0.01, "links.all.noise": 0.1}
 
 
 class Watched:
@@ -26,11 +27,10 @@ class Watched:
     def __init__(self, scenario: Scenario, backend: str, **options: Any) -> None:
         self.kept = Memory()
         self.recorded: list[Scenario] = []
-        self._url = ""
+        self.url = ""
         self._opened = threading.Event()
         self._error: Exception | None = None
-        options = {"speed": float("inf")} | options
-        self._arguments = scenario, backend, options
+        self._arguments = scenario, backend, {"speed": float("inf")} | options
         self._thread = threading.Thread(target=self._run)
 
     def _run(self) -> None:
@@ -42,7 +42,7 @@ class Watched:
             self._opened.set()
 
     def _open(self, url: str) -> None:
-        self._url = url
+        self.url = url
         self._opened.set()
 
     def __enter__(self) -> "Watched":
@@ -51,10 +51,6 @@ class Watched:
         if self._error:
             raise self._error
         return self
-
-    @property
-    def url(self) -> str:
-        return self._url
 
     def __exit__(self, *error: object) -> None:
         self._thread.join(60.0)
@@ -78,9 +74,7 @@ def read_frame(message: bytes, said: dict[str, Any]) -> tuple[float, dict[str, A
     ("name", "backend", "overrides"),
     [
         ("paper", "ideal", {"time.end": 6.0}),
-        pytest.param(
-            "paper", "ideal", {"time.end": 6.0, "links.all.delay": 0.01, "links.all.noise": 0.1}, marks=pytest.mark.slow
-        ),
+        pytest.param("paper", "ideal", {"time.end": 6.0} | LINKS, marks=pytest.mark.slow),
         pytest.param("harbour", "physics", {"time.end": 4.0}, marks=pytest.mark.slow),
         pytest.param("swap", "ideal", {}, marks=pytest.mark.slow),
         pytest.param("range_formation", "ideal", {}, marks=pytest.mark.slow),
@@ -116,9 +110,8 @@ def test_the_recorded_scenario_repeats_the_session_to_the_bit(
                     state = json.loads(message)
     (recorded,) = run.recorded
     assert len(recorded.events) > len(scenario.events)
-    again = simulate(
-        load_scenario(str(write_scenario(recorded, tmp_path))), backend, threads=1 if backend == "physics" else None
-    )
+    threads = 1 if backend == "physics" else None
+    again = simulate(load_scenario(str(write_scenario(recorded, tmp_path))), backend, threads=threads)
     seen = run.kept.dataset
     for variable in NAMES:
         np.testing.assert_array_equal(seen[variable].values, again[variable].values, err_msg=variable)

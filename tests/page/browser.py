@@ -40,14 +40,22 @@ def open_browser() -> Iterator[Any]:
 
 
 def open_page(
-    browser: Any, path: Path, *, width: int = 900, height: int = 600, hash: str = "", before: str = "", **context: Any
+    browser: Any,
+    place: Path | str,
+    *,
+    width: int = 900,
+    height: int = 600,
+    hash: str = "",
+    before: str = "",
+    **context: Any,
 ) -> Any:
-    """Open a page from disk, without a network, and wait until it is ready.
+    """Open a page from disk, without a network, or from an address, and wait until it is ready.
 
     `before` is a script that runs before those of the page. Requests, console messages and failures of the page
     are the lists `requests`, `words` and `failures` of the result.
     """
-    made = browser.new_context(viewport={"width": width, "height": height}, offline=True, **context)
+    on_disk = isinstance(place, Path)
+    made = browser.new_context(viewport={"width": width, "height": height}, offline=on_disk, **context)
     page = made.new_page()
     page.requests, page.words, page.failures = [], [], []
     page.on("request", lambda request: page.requests.append(request.url))
@@ -55,6 +63,6 @@ def open_page(
     page.on("pageerror", lambda error: page.failures.append(str(error)))
     if before:
         page.add_init_script(before)
-    page.goto(path.resolve().as_uri() + hash)
+    page.goto((place.resolve().as_uri() if isinstance(place, Path) else place) + hash)
     page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
     return page

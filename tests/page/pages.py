@@ -45,26 +45,27 @@ def make_page(name: str, backend: str, overrides: dict[str, Any] | None = None, 
 
 
 class Elements(HTMLParser):
-    """Elements of a page with their attributes, and the text of each script and style."""
+    """Elements of a page with their attributes, those still open, and the text of each script and style."""
 
     def __init__(self, page: bytes) -> None:
         super().__init__()
         self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
         self.texts: list[str] = []
-        self._open = False
         self.feed(page.decode())
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.found.append((tag, dict(attrs)))
-        self._open = tag in ("script", "style")
-        if self._open:
+        if tag not in ("meta", "img", "link", "input", "br"):  # which never end
+            self.open.append(tag)
+        if tag in ("script", "style"):
             self.texts.append("")
 
     def handle_endtag(self, tag: str) -> None:
-        self._open = False
+        assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if self._open:
+        if self.open and self.open[-1] in ("script", "style"):
             self.texts[-1] += data
 
 

@@ -5,7 +5,6 @@ Oracle: the run's own data, and what the browser says.
 
 import io
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,13 @@ import pytest
 from PIL import Image
 
 from mjsheaf import simulate
+from mjsheaf.arrays import Array
 from mjsheaf.page import page as page_module
 from mjsheaf.page.page import Ghost
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.played import seas_of
 from mjsheaf.video.film import film_of
-from tests.page.browser import missing, open_browser, open_page
+from tests.page.browser import missing, open_page
 from tests.page.pages import Made, make_page, positions_of, said_in
 from tests.page.test_page import HOSTILE
 
@@ -42,12 +42,6 @@ ALONE = """(() => { // where the line of an agent is farthest from all others: x
 WITHOUT_WEBGL = """HTMLCanvasElement.prototype.getContext = (own => function (kind, ...rest) {
   return /webgl/.test(kind) ? null : own.call(this, kind, ...rest); })(HTMLCanvasElement.prototype.getContext)"""
 AT = "t => { const m = window.mjsheaf; m.clock.seek(t); m.world.read(); return Array.from(m.world.positions); }"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with open_browser() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
@@ -456,28 +450,30 @@ def test_a_run_that_blew_up(browser: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
-def test_a_run_of_one_agent(browser: Any, backend: str, tmp_path: Path) -> None:
-    made = make_page("midpoint", backend, {"time.end": 5})
-    page = open_page(browser, made.write(tmp_path / "report.html"), hash="#t=2")
-    assert len(colours_of(page)) > 50
-    found = np.array(page.evaluate(AT, 3.0)).reshape(-1, 3)
-    there = positions_of(made.dataset)[int(np.searchsorted(made.dataset["time"].values, 3.0 - 1e-9))]
-    assert np.abs(found - there).max() < said_in(made.page)["largest_error"] + 1e-4
-    require_quiet(page)
-
-
-@pytest.mark.long
-def test_a_thousand_agents(browser: Any, tmp_path: Path) -> None:
-    made = make_page("swarm", "ideal", {"swarm.size": 1000, "time.end": 2})
+@pytest.mark.parametrize(
+    ("name", "backend", "size"),
+    [("midpoint", "ideal", {}), ("midpoint", "physics", {}), ("swarm", "ideal", {"swarm.size": 1000})],
+)
+def test_a_run_of_one_agent_and_of_a_thousand(
+    browser: Any, name: str, backend: str, size: dict[str, Any], tmp_path: Path
+) -> None:
+    made = make_page(name, backend, {"time.end": 2, **size})
     page = open_page(browser, made.write(tmp_path / "report.html"), width=1280, height=720, hash="#t=1")
-    found = np.array(page.evaluate(AT, 2.0)).reshape(-1, 3)
-    assert len(found) == 1001
-    assert np.abs(found - positions_of(made.dataset)[-1]).max() < said_in(made.page)["largest_error"] + 1e-4
+    assert len(colours_of(page)) > (200 if size else 50)
+    found = np.array(page.evaluate(AT, 1.5)).reshape(-1, 3)
+    there = positions_of(made.dataset)[int(np.searchsorted(made.dataset["time"].values, 1.5 - 1e-9))]
+    assert np.abs(found - there).max() < said_in(made.page)["largest_error"] + 1e-4
     page.keyboard.press("w")
     assert page.locator("#card .name").inner_text() in made.scenario.team.agent_ids
-    assert len(colours_of(page)) > 200
     require_quiet(page)
+
+
+def ghost_at(page: Any, time: float) -> Array:
+    """Where the ghost of the third agent is drawn."""
+    page.evaluate(AT, time)
+    page.wait_for_timeout(500)
+    place = page.evaluate("Array.from(window.mjsheaf.world.ghosts.runs[0].positions.slice(6, 9))")
+    return np.array(place, dtype=float)  # a browser's NaN comes as one
 
 
 @pytest.mark.long
@@ -486,16 +482,12 @@ def test_ghosts_of_ideal_kinematics_and_their_distance(browser: Any, tmp_path: P
     twin = Ghost("ideal kinematics", None, ideal, 0.0, twin=True)
     made = make_page("harbour", "physics", {"time.end": 10}, ghosts=[twin])
     page = open_page(browser, made.write(tmp_path / "report.html"))
-    k = 250
     apart = page.evaluate("window.mjsheaf.run.column('apart', 2)[window.mjsheaf.run.locate(5)[0]]")
-    away = positions_of(made.dataset)[k, 2] - positions_of(ideal)[k, 2]
-    assert apart == pytest.approx(np.linalg.norm(away), rel=1e-3)
+    place = positions_of(ideal)[250, 2]
+    assert apart == pytest.approx(np.linalg.norm(positions_of(made.dataset)[250, 2] - place), rel=1e-3)
     assert "Bodies from their ideal twins" in page.locator("#curves").inner_text()
-    page.evaluate(AT, 5.0)
-    page.wait_for_timeout(500)
-    ghost = page.evaluate("Array.from(window.mjsheaf.world.ghosts.runs[0].positions.slice(6, 9))")
+    assert np.abs(ghost_at(page, 5.0) - place).max() < 0.05
     assert "translucent: ideal kinematics" in page.locator("#legend").inner_text()
-    assert np.abs(np.array(ghost) - positions_of(ideal)[k, 2]).max() < 0.05
     require_quiet(page)
 
 
@@ -505,15 +497,10 @@ def test_ghosts_of_another_run_and_its_curve(browser: Any, tmp_path: Path) -> No
     other = simulate(load_scenario("harbour", {"time.end": 5, "controller.gain": 1}), "ideal")
     made = make_page("harbour", "ideal", {"time.end": 10}, ghosts=[Ghost("<b>high", "#7b2cbf", other, 0.0)])
     page = open_page(browser, made.write(tmp_path / "report.html"))
-    assert "<b>high" in page.locator("#legend").inner_text()
-    assert "<b>high" in page.locator("#curves").inner_text()
-    read = "Array.from(window.mjsheaf.world.ghosts.runs[0].positions.slice(6, 9))"
-    page.evaluate(AT, 2.5)
-    page.wait_for_timeout(500)
-    assert np.abs(np.array(page.evaluate(read)) - positions_of(other)[125, 2]).max() < 0.05
-    page.evaluate(AT, 8.0)
-    page.wait_for_timeout(500)
-    assert page.evaluate(f"{read}.every(Number.isNaN)")
+    for part in ("#legend", "#curves"):
+        assert "<b>high" in page.locator(part).inner_text()
+    assert np.abs(ghost_at(page, 2.5) - positions_of(other)[125, 2]).max() < 0.05
+    assert np.isnan(ghost_at(page, 8.0)).all()
     require_quiet(page)
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mjsheaf.law.obstacles import centres, distances
-from tests.page.browser import missing, open_browser, open_page
+from tests.page.browser import missing, open_page
 from tests.page.pages import Made, make_page, said_in, series_in
 
 _WALLS = [
@@ -80,21 +80,20 @@ def test_a_page_without_filter_has_nothing_of_it() -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing()), reason=f"no browser: {missing()}")
-def test_the_browser_draws_and_names_what_restrains_an_agent(swap: Made, tmp_path: Path) -> None:
+def test_the_browser_draws_and_names_what_restrains_an_agent(browser: Any, swap: Made, tmp_path: Path) -> None:
     """The panel of an agent names the obstacle that an agent is kept from, and hiding the lines changes the picture."""
     said, found = said_in(swap.page), series_in(swap.page)
     V, N = len(said["agents"]) + len(said["targets"]), len(said["agents"])
     k, i = np.argwhere(found["cause"].reshape(-1, N) > V)[0].tolist()
     name = said["obstacles"][int(found["cause"][k, i]) - V - 1]["id"]
-    with open_browser() as browser:
-        page: Any = open_page(browser, swap.write(tmp_path / "report.html"), hash=f"#t={said['time'][k]}")
-        page.evaluate("i => { window.mjsheaf.state.chosen = i; }", i)
-        page.keyboard.press("n")
-        page.keyboard.press("p")
-        page.wait_for_timeout(600)
-        assert f"the filter keeps it from {name}" in page.inner_text("#card")
-        with_lines = page.locator("#scene").screenshot()
-        page.evaluate("() => { window.mjsheaf.world.layers.safety = false; window.mjsheaf.world.changed(); }")
-        page.wait_for_timeout(600)
-        assert page.locator("#scene").screenshot() != with_lines
-        assert page.failures == []
+    page = open_page(browser, swap.write(tmp_path / "report.html"), hash=f"#t={said['time'][k]}")
+    page.evaluate("i => { window.mjsheaf.state.chosen = i; }", i)
+    page.keyboard.press("n")
+    page.keyboard.press("p")
+    page.wait_for_timeout(600)
+    assert f"the filter keeps it from {name}" in page.inner_text("#card")
+    with_lines = page.locator("#scene").screenshot()
+    page.evaluate("() => { window.mjsheaf.world.layers.safety = false; window.mjsheaf.world.changed(); }")
+    page.wait_for_timeout(600)
+    assert page.locator("#scene").screenshot() != with_lines
+    assert page.failures == []

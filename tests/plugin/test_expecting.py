@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.files import parse_yaml, replace_file, with_field
 from mjsheaf.results.metrics import check_expectation
@@ -20,6 +19,7 @@ from mjsheaf.runs.expecting import Trial, bounds_from, describe, expectation_fro
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
 from mjsheaf.scenario.scenario import Bounds, Expect
 from tests.builders import refused
+from tests.commands import answer_of, is_refusal
 from tests.strategies import examples
 
 TINY = """\
@@ -183,22 +183,12 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyt
 # -- the command ------------------------------------------------------------------------------------------------------
 
 
-def call(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stopped:
-        main(["expect", *map(str, arguments)])
-    streams = capsys.readouterr()
-    code = stopped.value.code
-    return (code if isinstance(code, int) else 0), streams.out, streams.err
-
-
 @pytest.mark.slow
-def test_an_expectation_is_written_held_and_missed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_expectation_is_written_held_and_missed(tmp_path: Path) -> None:
     path = tmp_path / "tiny.yaml"
     path.write_text(TINY)
-    code, _, told = call(capsys, path)
-    assert code == 2
-    assert "expect.ideal: missing; --update writes it" in told
-    code, out, _ = call(capsys, path, "--update")
+    assert is_refusal(answer_of("expect", path), "expect.ideal: missing; --update writes it")
+    code, out, _ = answer_of("expect", path, "--update")
     assert code == 0
     assert f"wrote expect: of {path}" in out
     text = path.read_text()
@@ -206,23 +196,23 @@ def test_an_expectation_is_written_held_and_missed(tmp_path: Path, capsys: pytes
     bounds = load_scenario(path).expect.ideal
     assert bounds is not None
     assert bounds.tracking_error == math.ceil(FOUND * 1050) / 1000
-    assert call(capsys, path)[0] == 0
+    assert answer_of("expect", path)[0] == 0
     path.write_text(text.replace("gain: 2", "gain: 1"))
-    code, out, told = call(capsys, path, "--backend", "ideal")
+    code, out, told = answer_of("expect", path, "--backend", "ideal")
     assert code == 1
     assert told.count("\n") == 1
     assert "tracking_error is 1.83, expected at most 0.697 on ideal" in told
     assert "physics" not in out
 
 
-def test_a_refusal_is_written_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_refusal_is_written_as_one(tmp_path: Path) -> None:
     path = tmp_path / "team.yaml"
     call_text = TINY.replace("position: [0, 0]", "position: [0, 0, 9]")
     path.write_text(call_text)
-    assert call(capsys, path, "--update")[0] == 0
+    assert answer_of("expect", path, "--update")[0] == 0
     assert path.read_text().startswith(f"{call_text}expect:\n  refused: ")
     assert "A is free along z" in (load_scenario(path).expect.refused or "")
-    assert call(capsys, path)[0] == 0
+    assert answer_of("expect", path)[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -233,31 +223,29 @@ def test_a_refusal_is_written_as_one(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--margin", "nan", "--update"], "'--margin'"),
     ],
 )
-def test_wrong_usage(arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage(arguments: list[str], message: str, tmp_path: Path) -> None:
     path = tmp_path / "tiny.yaml"
     path.write_text(TINY)
-    code, _, told = call(capsys, path, *arguments)
-    assert (code, told.count("\n")) == (2, 1)
-    assert message in told
+    assert is_refusal(answer_of("expect", path, *arguments), message)
     assert path.read_text() == TINY
 
 
-def test_a_run_that_blows_up_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_blows_up_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "tiny.yaml"
     text = TINY.replace("gain: 2", "gain: 900").replace("end: 1}", "end: 3}")
     path.write_text(text)
-    code, _, told = call(capsys, path, "--update", "--backend", "ideal")
+    code, _, told = answer_of("expect", path, "--update", "--backend", "ideal")
     assert code == 3
     assert "nothing is written" in told
     assert path.read_text() == text
 
 
-def test_vehicles_that_come_too_close_are_no_expectation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_vehicles_that_come_too_close_are_no_expectation(tmp_path: Path) -> None:
     """They begin too close: no bound is written, and a file with a negative one is refused; rounding counts as 0."""
     path = tmp_path / "close.yaml"
     text = TINY + "safety: {distance: 50, range: 60}\n"
     path.write_text(text)
-    code, _, told = call(capsys, path, "--update", "--backend", "ideal")
+    code, _, told = answer_of("expect", path, "--update", "--backend", "ideal")
     assert code == 2
     assert "expect.ideal.smallest_separation: a distance on ideal is" in told
     assert "nothing is written" in told
@@ -272,12 +260,12 @@ def test_vehicles_that_come_too_close_are_no_expectation(tmp_path: Path, capsys:
 
 
 def test_a_file_that_may_not_be_written_is_refused_before_it_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "tiny.yaml"
     path.write_text(TINY)
     monkeypatch.setattr(os, "access", lambda place, mode: mode != os.W_OK)  # the superuser may write anything
-    code, out, told = call(capsys, path, "--update")
+    code, out, told = answer_of("expect", path, "--update")
     assert (code, out) == (2, "")
     assert "tiny.yaml: cannot be written" in told
     assert "copy the scenario" in told

@@ -9,12 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.results import open_dataset, write_dataset
-from mjsheaf.runs import simulate as running
-from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, load_scenario
 from tests.builders import REPOSITORY
 
@@ -107,24 +103,3 @@ def test_every_sample_has_its_phase(backend: str) -> None:
     assert len(json.loads(attributes["events"])[1]) == 1
     by_phase = eventful["tracking_error"].groupby("phase").mean()
     assert by_phase["phase"].values.tolist() == [0, 1, 2]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("events", [[], EVENTS], ids=["plain", "events"])
-def test_the_file_has_them_too(
-    backend: str, events: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Written in pieces of 7 of 51 samples."""
-    run = scenario(events=events)
-    whole = simulate(run, backend)
-    monkeypatch.setattr(running, "samples_in_piece", lambda system: 7)
-    write_dataset(stream(run.phases, backend, run.seed), tmp_path / "result.nc")
-    with open_dataset(tmp_path / "result.nc") as opened:
-        found = opened.load()
-    for name in ("group", "vehicle", "kind", "target_group", "target_vehicle", "target_kind", "phase"):
-        assert name in found.coords
-        xr.testing.assert_identical(found[name].reset_coords(drop=True), whole[name].reset_coords(drop=True))
-    assert set(found.coords) == set(whole.coords)
-    assert set(found.data_vars) == set(whole.data_vars)
-    assert found["tracking_error"].groupby("group").mean().sizes["group"] == 3

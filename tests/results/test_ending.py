@@ -13,7 +13,7 @@ import pytest
 import mjsheaf
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.results.ending import ending_of_motion, is_level, judge, settling_time
-from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.studies.plan import load_plan
 from mjsheaf.studies.workers import run_job
 from tests.builders import QUADROTOR_PAIR
@@ -24,28 +24,25 @@ Curve = Callable[[Any], Any]
 
 
 @pytest.mark.parametrize(
-    "curve",
+    ("verdict", "curve"),
     [
-        lambda t: np.exp(-9 * t),
-        lambda t: 3 + np.exp(-6 * t),
-        lambda t: 3 + np.exp(-20 * t) + 0.1 * np.sin(60 * t),
-        lambda t: 2 + 0 * t,
-        lambda t: 1 + 0.5 * np.sin(31 * t),
-        lambda t: 0 * t,
+        ("settled", lambda t: np.exp(-9 * t)),
+        ("settled", lambda t: 3 + np.exp(-6 * t)),
+        ("settled", lambda t: 3 + np.exp(-20 * t) + 0.1 * np.sin(60 * t)),
+        ("settled", lambda t: 2 + 0 * t),
+        ("settled", lambda t: 1 + 0.5 * np.sin(31 * t)),
+        ("settled", lambda t: 0 * t),
+        ("not settled", lambda t: np.exp(-3 * t)),
+        ("not settled", lambda t: 100 - 0.01 * t),
+        ("not settled", np.sqrt),
+        ("not settled", lambda t: 1 / (1 + t)),
+        ("diverging", lambda t: 1 + t),
+        ("diverging", lambda t: np.exp(3 * t)),
+        ("diverging", lambda t: np.exp(-9 * t) + t**3),
     ],
 )
-def test_what_keeps_its_level_has_settled(curve: Curve) -> None:
-    assert judge(curve(UNIT)) == "settled"
-
-
-@pytest.mark.parametrize("curve", [lambda t: np.exp(-3 * t), lambda t: 100 - 0.01 * t, np.sqrt, lambda t: 1 / (1 + t)])
-def test_what_still_changes_has_not_settled(curve: Curve) -> None:
-    assert judge(curve(UNIT)) == "not settled"
-
-
-@pytest.mark.parametrize("curve", [lambda t: 1 + t, lambda t: np.exp(3 * t), lambda t: np.exp(-9 * t) + t**3])
-def test_what_gets_worse_and_worse_diverges(curve: Curve) -> None:
-    assert judge(curve(UNIT)) == "diverging"
+def test_a_curve_keeps_its_level_changes_or_gets_worse(verdict: str, curve: Curve) -> None:
+    assert judge(curve(UNIT)) == verdict
 
 
 def test_little_is_said_of_little() -> None:
@@ -65,9 +62,8 @@ def test_a_limit_cycle_where_nothing_drives() -> None:
     assert judge(error) == "settled"
     assert judge(error, offsets) == "not settled"
     assert judge(*circle(np.exp(2 * UNIT))) == "diverging"
-    assert (
-        judge(*circle(np.exp(0.5 * UNIT) / 100 + (UNIT < 0.1))) == "diverging"
-    )  # smaller than at the start, but it grows
+    smaller_but_growing = np.exp(0.5 * UNIT) / 100 + (UNIT < 0.1)
+    assert judge(*circle(smaller_but_growing)) == "diverging"
     assert judge(*circle(np.exp(-12 * UNIT))) == "settled"
     assert judge(*circle(np.exp(-2 * UNIT))) == "not settled"
     assert judge(*circle(np.exp(-50 * UNIT) + 1e-12)) == "settled"  # rounding
@@ -78,20 +74,12 @@ def test_a_slow_drift_is_no_limit_cycle() -> None:
     assert judge(np.linalg.norm(offsets, axis=2).mean(axis=1), offsets) == "not settled"
 
 
-def test_an_exponential_settles_when_two_percent_are_left() -> None:
-    found = settling_time(TIME, 5.0 * np.exp(-TIME))
-    assert found == pytest.approx(np.log(50.0), abs=0.02)
-
-
-def test_an_oscillation_that_never_was_worse_has_settled_at_once() -> None:
-    assert settling_time(TIME, 1.0 + 0.3 * np.sin(3.0 * TIME)) == 0.0
-
-
-def test_a_transient_over_an_oscillation() -> None:
-    steady = 0.2 + 0.1 * np.sin(3.0 * TIME)
-    found = settling_time(TIME, steady + 10.0 * np.exp(-TIME))
-    assert found is not None
-    assert 2.0 < found < 5.0
+def test_a_transient_settles_when_two_percent_are_left() -> None:
+    """Alone or over an oscillation; one that never was worse has settled at once."""
+    swing = 0.1 * np.sin(3.0 * TIME)
+    assert settling_time(TIME, 5.0 * np.exp(-TIME)) == pytest.approx(np.log(50.0), abs=0.02)
+    assert settling_time(TIME, 1.0 + 3.0 * swing) == 0.0
+    assert 2.0 < (settling_time(TIME, 0.2 + swing + 10.0 * np.exp(-TIME)) or 0.0) < 5.0
 
 
 @pytest.mark.parametrize("curve", [np.exp(0.2 * TIME), np.exp(-0.2 * TIME), TIME**3])
@@ -100,11 +88,16 @@ def test_what_grows_or_still_falls_never_settles(curve: np.ndarray) -> None:
     assert settling_time(TIME, curve) is None
 
 
+def ring(gain: float, **fields: Any) -> Scenario:
+    """Two quadrotors that begin to circle at a gain between 1.5 and 2, 1/s."""
+    law = {"gain": gain, "control_period": 0.02}
+    return scenario_from_mapping({**QUADROTOR_PAIR, "controller": law, "physics": {"timestep": 0.005}, **fields})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("gain", "expected"), [(1.5, "settled"), (2.0, "not settled"), (3.0, "not settled")])
-def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
-    changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
-    scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes})
+def test_the_ring_ends_as_check_says(gain: float, expected: str) -> None:
+    scenario = ring(gain)
     run = mjsheaf.simulate(scenario, "physics")
     assert ending_of_motion(scenario.system, run) == expected
     stable = mjsheaf.check(scenario, trial=False)["margins"]["bodies"]["stable"]
@@ -114,13 +107,9 @@ def test_the_ring_ends_as_check_says(gain: float, expected: str, capsys: pytest.
 
 def test_a_driven_ring_ends_as_check_says() -> None:
     """With an oscillating target only the loop distinguishes a forced oscillation from the team's own."""
-    moving = {
-        **QUADROTOR_PAIR["targets"][0],
-        "motion": {"kind": "lissajous", "amplitude": [1, 0, 0], "rate": [1.5, 0, 0], "phase": [0, 0, 0], "pull": 0.0},
-    }
+    motion = {"kind": "lissajous", "amplitude": [1, 0, 0], "rate": [1.5, 0, 0], "phase": [0, 0, 0], "pull": 0.0}
     for gain, expected in ((1.2, "settled"), (3.0, "not settled")):
-        changes = {"controller": {"gain": gain, "control_period": 0.02}, "physics": {"timestep": 0.005}}
-        scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes, "targets": [moving]})
+        scenario = ring(gain, targets=[{**QUADROTOR_PAIR["targets"][0], "motion": motion}])
         assert ending_of_run(scenario.system, mjsheaf.simulate(scenario, "physics")) == expected
 
 
@@ -134,8 +123,7 @@ def test_a_driven_ring_ends_as_check_says() -> None:
     ids=["noise", "disturbance", "odometry"],
 )
 def test_what_noise_and_disturbances_move_has_settled(driven: dict[str, Any]) -> None:
-    changes = {"controller": {"gain": 1.0, "control_period": 0.02}, "time": {"end": 60.0}, **driven}
-    scenario = scenario_from_mapping({**QUADROTOR_PAIR, **changes})
+    scenario = ring(1.0, **driven)
     assert ending_of_motion(scenario.system, mjsheaf.simulate(scenario, "ideal")) == "settled"
 
 

@@ -18,24 +18,18 @@ from mjsheaf.results.store import length_of_piece, pieces_of
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
+from tests.builders import chase
 from tests.running import run_physics
 
 BACKENDS = ("ideal", "physics")
 
 
+PAIR = {"name": "pair", "members": ["A", "B"], "about": "T", "shape": "line", "spacing": 2}
+
+
 def scenario(end: float = 0.5, **fields: Any) -> Scenario:
-    return scenario_from_mapping(
-        {
-            "name": "pieces",
-            "time": {"end": end},
-            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0, 2]}],
-            "targets": [{"id": "T", "position": [5, 1, 2]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"], ["B", "T"]],
-            "formations": [{"name": "pair", "members": ["A", "B"], "about": "T", "shape": "line", "spacing": 2}],
-            **fields,
-        }
-    )
+    """A formation of a boat and a drone."""
+    return chase(end, formations=[PAIR], **fields)
 
 
 @pytest.fixture
@@ -49,28 +43,36 @@ def piece(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 
 
 def written(of: Scenario, backend: str, path: Path) -> xr.Dataset:
-    write_dataset(stream(of.system, backend, of.seed), path)
+    write_dataset(stream(of.phases, backend, of.seed), path)
     with open_dataset(path) as dataset:
         return dataset.load()
+
+
+EVENTS = [{"time": 0.2, "lose": "B"}, {"time": 0.3, "set": {"controller.gain": 1.5}}]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("samples", [7, 17, 51, 1000])  # 51 samples: 3 x 17 leaves nothing, 7 x 7 leaves two
+@pytest.mark.parametrize("events", [EVENTS, []], ids=["events", "plain"])
 def test_pieces_on_disk_are_the_run_in_memory(
-    backend: str, samples: int, piece: Callable[[int], None], tmp_path: Path
+    events: list[Any], backend: str, samples: int, piece: Callable[[int], None], tmp_path: Path
 ) -> None:
     piece(samples)
-    run = scenario(disturbance={"agents": {"bound": 0.5}})
+    run = scenario(disturbance={"agents": {"bound": 0.5}}, events=events)
     whole = simulate(run, backend)
     assert whole.sizes["time"] == 51
-    xr.testing.assert_identical(written(run, backend, tmp_path / "a.nc"), whole)
+    on_disk = written(run, backend, tmp_path / "a.nc")
+    xr.testing.assert_identical(on_disk, whole)
+    assert set(on_disk.coords) == set(whole.coords)
+    for name in ("group", "vehicle", "kind", "target_group", "target_vehicle", "target_kind", "phase"):
+        assert name in on_disk.coords
     piece(1000)
     at_once = simulate(run, backend)
     np.testing.assert_array_equal(whole["agent_position"], at_once["agent_position"])
     xr.testing.assert_allclose(whole, at_once, rtol=1e-13, atol=1e-13)
-    write_dataset(stream(run.system, backend, run.seed), tmp_path / "b.nc")
-    write_dataset(stream(run.system, backend, run.seed), tmp_path / "c.nc")
+    written(run, backend, tmp_path / "b.nc")
+    written(run, backend, tmp_path / "c.nc")
     assert (tmp_path / "b.nc").read_bytes() == (tmp_path / "c.nc").read_bytes()
 
 

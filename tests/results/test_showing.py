@@ -7,7 +7,6 @@ import base64
 import json
 import re
 import shutil
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,8 @@ import mjsheaf
 from mjsheaf.errors import InputError
 from mjsheaf.runs.publish import plot_again
 from mjsheaf.show.plots import write_figure
-from tests.commands import call
+from tests.commands import answer_of, is_refusal
+from tests.page.pages import Elements
 
 NAMES = ["errors", "trajectories", "configurations"]
 
@@ -68,26 +68,20 @@ def test_a_figure_is_the_callers(result: xr.Dataset, tmp_path: Path) -> None:
 @pytest.mark.parametrize("eye", [(0.0, 30.0), (90.0, 30.0), (-60.0, 35.0)])
 def test_the_view_in_space_is_that_of_the_video(eye: tuple[float, float]) -> None:
     """The arrows of the axes, in the view's right and up: matplotlib's own projection."""
-    from mpl_toolkits.mplot3d import Axes3D
-
     looking = {"video.azimuth": eye[0] - 180.0, "video.elevation": -eye[1]}
     own = mjsheaf.load_scenario("harbour", {"time.end": 0.2, **looking})
     assert own.video.eye == pytest.approx(eye)
     figure = mjsheaf.plot(mjsheaf.simulate(own, "ideal"))["trajectories"]
     (panel,) = (axis for axis in figure.axes if axis.get_title() == "in space")
-    named = {
-        text.get_text(): np.array(text.get_position()) for text in panel.texts if text.get_text() in ("x", "y", "z")
-    }
+    places = {text.get_text(): np.array(text.get_position()) for text in panel.texts}
     axes: Any = Figure().add_subplot(projection="3d", proj_type="ortho")
-    assert isinstance(axes, Axes3D)
     axes.set_box_aspect((1, 1, 1))
     axes.view_init(azim=eye[0], elev=eye[1])
     axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
     projection = axes.get_proj()
-    origin = projection @ [0, 0, 0, 1]
     for name, direction in zip("xyz", np.eye(3), strict=True):
-        seen = (projection @ [*direction, 1.0] - origin)[:2]
-        drawn = named[name] - [0.16, 0.06]
+        seen = (projection @ [*direction, 0.0])[:2]
+        drawn = places[name] - [0.16, 0.06]
         assert drawn[0] * seen[1] == pytest.approx(drawn[1] * seen[0], abs=1e-6)
         assert drawn @ seen >= 0.0
 
@@ -99,26 +93,12 @@ def test_a_notebook_shows_all_figures(result: xr.Dataset) -> None:
     assert all(base64.b64decode(picture).startswith(b"\x89PNG") for picture in pictures)
 
 
-class Frames(HTMLParser):
-    """The attributes of every frame, unescaped."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.found: list[dict[str, str | None]] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        assert tag == "iframe"
-        self.found.append(dict(attrs))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("source", ["result", "directory"])
 def test_a_notebook_shows_the_page_in_a_frame(source: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     page = mjsheaf.replay(request.getfixturevalue(source), height=500)
-    frames = Frames()
-    frames.feed(page._repr_html_())
-    (frame,) = frames.found
-    assert frame["srcdoc"] == page.html
+    ((tag, frame),) = Elements(page._repr_html_().encode()).found
+    assert (tag, frame["srcdoc"]) == ("iframe", page.html)
     assert "500px" in str(frame["style"])
     assert page.save(tmp_path / "page.html") == tmp_path / "page.html"
     assert (tmp_path / "page.html").read_text() == page.html
@@ -165,10 +145,8 @@ def test_plots_are_drawn_again_one_by_one_and_a_refusal_leaves_nothing(directory
     assert reported == [("plotting", done, len(NAMES)) for done in range(len(NAMES) + 1)]
 
 
-def test_a_machine_without_opengl_is_told_so(
-    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_machine_without_opengl_is_told_so(directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.video.available_backend", lambda: (None, "nothing works"))
-    assert call("video", directory, "--out", tmp_path / "a.mp4") == 2
-    assert "no video can be drawn here: nothing works" in capsys.readouterr().err
+    answer = answer_of("video", directory, "--out", tmp_path / "a.mp4")
+    assert is_refusal(answer, "no video can be drawn here: nothing works")
     assert list(tmp_path.iterdir()) == []

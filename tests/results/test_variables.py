@@ -21,7 +21,7 @@ from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
 from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, fault_of, reference
 from mjsheaf.results.store import Memory, send
 from mjsheaf.runs.simulate import stream
-from mjsheaf.scenario import Scenario, load_scenario
+from tests.builders import chase
 
 BACKENDS = ("ideal", "physics")
 SPEED = Variable(
@@ -34,27 +34,13 @@ SPEED = Variable(
 )
 
 
-def scenario(**fields: Any) -> Scenario:
-    return load_scenario(
-        {
-            "name": "declared",
-            "time": {"end": 0.3},
-            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0]}],
-            "targets": [{"id": "T", "position": [5, 1]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"], ["B", "T"]],
-            **fields,
-        }
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_one_entry_is_in_the_file_and_in_the_reference(
     backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(dataset, "VARIABLES", [*VARIABLES, SPEED])
-    run = scenario()
+    run = chase(0.3)
     write_dataset(stream(run.system, backend, 0, samples=7), tmp_path / "result.nc")
     with open_dataset(tmp_path / "result.nc") as found:
         assert found["agent_speed"].attrs == {"units": "m s-1", "long_name": "speed over ground of each agent"}
@@ -86,7 +72,7 @@ def test_a_compiled_reader_writes_while_the_loop_runs(backend: str, monkeypatch:
     monkeypatch.setitem(READERS, "first", (inline_jit(first), 1))
     monkeypatch.setitem(READERS, "residual", (inline_jit(residual), 3))
     monkeypatch.setattr(dataset, "VARIABLES", [*VARIABLES, *added])
-    found = simulate(scenario(), backend)
+    found = simulate(chase(0.3), backend)
     np.testing.assert_array_equal(found["as_heard"][..., :2], found["disagreement_vector"][..., :2])
     np.testing.assert_array_equal(found["heading_east"], found["velocity_command"][..., 0])
 
@@ -109,10 +95,10 @@ class Counting:
 
 
 def test_sinks_get_chunks_of_a_tenth_of_a_second_and_the_same_run() -> None:
-    run, counting, memory = scenario(), Counting(), Memory()
+    run, counting, memory = chase(0.3), Counting(), Memory()
     send(stream(run.system, "ideal", run.seed, samples=10), counting, memory)
     assert counting.told == ["open", "write 10", "write 10", "write 10", "write 1", "close"]
-    assert counting.scenario == "declared"
+    assert counting.scenario == "chase"
     whole = simulate(run, "ideal")
     assert dataset_bytes(memory.dataset) == dataset_bytes(whole)
     for name, attrs in counting.variables.items():
@@ -121,7 +107,7 @@ def test_sinks_get_chunks_of_a_tenth_of_a_second_and_the_same_run() -> None:
 
 @pytest.mark.parametrize("before", [0, 1])
 def test_every_sink_is_closed_whatever_fails(before: int) -> None:
-    run, sinks = scenario(), (Counting(), Counting())
+    run, sinks = chase(0.3), (Counting(), Counting())
 
     def failing() -> Any:
         for number, chunk in enumerate(stream(run.system, "ideal", 0, samples=10)):
@@ -138,7 +124,7 @@ def test_every_sink_is_closed_whatever_fails(before: int) -> None:
 @pytest.mark.parametrize("links", [{}, {"record": True}, {"sensing": {"loss": 0.2}}])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_run_has_what_the_lists_say(backend: str, links: dict[str, Any]) -> None:
-    found = simulate(scenario(links=links), backend)
+    found = simulate(chase(0.3, links=links), backend)
     declared = {entry.name: entry for entry in (*VARIABLES, *COORDINATES)}
     assert set(found.variables) - set(declared) == {"time", "phase"}
     for name in set(map(str, found.variables)) & set(declared):
@@ -149,6 +135,11 @@ def test_a_run_has_what_the_lists_say(backend: str, links: dict[str, Any]) -> No
 
 def _transposed(name: str) -> Any:
     return lambda d: d.assign({name: d[name].transpose()})
+
+
+@pytest.fixture(scope="module")
+def whole() -> xr.Dataset:
+    return simulate(chase(0.3), "ideal")
 
 
 @pytest.mark.parametrize(
@@ -171,9 +162,9 @@ def _transposed(name: str) -> Any:
     ],
 )
 @pytest.mark.parametrize("doing", ["plot", "replay", "save"])
-def test_a_damaged_dataset_is_refused_by_name(doing: str, damage: Any, said: str, tmp_path: Path) -> None:
-    run = scenario()
-    whole = simulate(run, "ideal")
+def test_a_damaged_dataset_is_refused_by_name(
+    doing: str, damage: Any, said: str, whole: xr.Dataset, tmp_path: Path
+) -> None:
     broken = damage(whole)
     broken.encoding["scenario"] = whole.encoding["scenario"]
     arguments = [tmp_path / "run"] if doing == "save" else []

@@ -2,9 +2,7 @@
 
 import json
 import os
-import resource
 import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +14,14 @@ from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.studies import Plan, run_study
 from mjsheaf.studies.study import BusyError, open_directory
 from mjsheaf.studies.workers import SchedulerError, versions
-from tests.builders import IN_THREADS, small_plan
-from tests.commands import command_line, contents
+from tests.builders import IN_THREADS, REPOSITORY, small_plan
+from tests.commands import answer_of, contents, files_of_at_most, is_refusal
+from tests.oracles.full_disk import SmallDisk, small_disk
 
-Runner = Callable[..., "subprocess.CompletedProcess[str]"]
+
+def forty() -> Plan:
+    """40 runs."""
+    return small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
 
 
 def never() -> Any:
@@ -129,19 +131,14 @@ def test_without_a_scheduler_another_may_be_asked_for(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "study.json").read_text())["runs"] == 2
 
 
-@pytest.mark.long
-def test_a_changed_scenario_is_refused(tmp_path: Path, mjsheaf: Runner) -> None:
-    text = (Path(__file__).parents[2] / "scenarios" / "midpoint.yaml").read_text()
-    own, out = tmp_path / "own.yaml", tmp_path / "out"
+def test_a_changed_scenario_is_refused(tmp_path: Path) -> None:
+    text = (REPOSITORY / "scenarios" / "midpoint.yaml").read_text()
+    own = tmp_path / "own.yaml"
     own.write_text(text)
-    from mjsheaf.studies import load_plan
-
-    run_study(load_plan(str(own), overrides={"time.end": 0.5}, backend="ideal"), out, IN_THREADS)
+    sweep = ("sweep", own, "--backend", "ideal", "--set", "time.end=0.5", "--threads", "--out", tmp_path / "out")
+    assert answer_of(*sweep).code == 0
     own.write_text(text.replace("heading: 60", "heading: 61"))
-    done = mjsheaf("sweep", own, "--backend", "ideal", "--set", "time.end=0.5", "--out", out)
-    assert done.returncode == 2
-    assert "scenario.agents.0.heading was 60, is now 61" in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert is_refusal(answer_of(*sweep), "scenario.agents.0.heading was 60, is now 61")
 
 
 def test_another_version_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,16 +182,15 @@ def test_a_study_inside_a_study_is_refused(study: Path) -> None:
     assert contents(study) == before
 
 
-@pytest.mark.long
-def test_a_second_command_is_refused(study: Path, mjsheaf: Runner) -> None:
+def test_a_second_command_is_refused(study: Path) -> None:
     before = contents(study)
     with open_directory(study, small_plan()):
         with pytest.raises(BusyError, match="study"), open_directory(study, small_plan()):
             pass
         arguments = ["--set", "time.end=0.5", "--grid", "controller.gain=1.0,3.0", "--seeds", "0:2"]
-        done = mjsheaf("sweep", "midpoint", *arguments, "--backend", "ideal", "--out", study)
-        assert done.returncode == 2
-        assert "study" in done.stderr
+        answer = answer_of("sweep", "midpoint", *arguments, "--backend", "ideal", "--out", study)
+        assert answer.code == 2
+        assert "another command uses this study" in answer.err
     assert contents(study) == before
     assert run_study(small_plan(), study, never).begun == 0
 
@@ -202,68 +198,44 @@ def test_a_second_command_is_refused(study: Path, mjsheaf: Runner) -> None:
 # -- a file system that gives out ------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
-def test_a_full_disk_leaves_what_was_there(study: Path) -> None:
+@pytest.mark.slow
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
     """A limit on the size of files stands for the full disk: the table of 40 runs does not fit."""
-    plan = small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
-    shutil.rmtree(study)
-    arguments = ["--set", "time.end=0.5", "--grid", "controller.gain=" + ",".join(f"{1.0 + k}" for k in range(10))]
-    done = subprocess.run(
-        command_line(
-            "sweep", "midpoint", *arguments, "--seeds", "0:4", "--backend", "ideal", "--threads", "--out", study
-        ),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-    assert done.returncode == 2
-    assert "cannot be written: File too large" in done.stderr
-    assert done.stderr.strip().count("\n") <= 1  # a note on seeds comes first
-    assert "Traceback" not in done.stderr
-    assert not list(study.rglob(".*.part"))
-    kept = contents(study)
+    with files_of_at_most(3000), pytest.raises(PlaceError, match="cannot be written: File too large"):
+        run_study(forty(), tmp_path / "study", IN_THREADS)
+    assert not list((tmp_path / "study").rglob(".*.part"))
+    kept = contents(tmp_path / "study")
     assert sum(name.startswith("runs") for name in kept) == 40
-    assert run_study(plan, study, never).begun == 0
-    after = contents(study)
-    assert {name: after[name] for name in kept} == kept
+    assert run_study(forty(), tmp_path / "study", never).begun == 0
+    assert kept.items() <= contents(tmp_path / "study").items()
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    place = tmp_path / "disk"
-    place.mkdir()
-    made = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=48k", "tmpfs", place], capture_output=True, check=False)
-    if made.returncode:
-        pytest.skip("no file system can be mounted here")
-    yield place
-    subprocess.run(["umount", "-l", place], check=True)
+def disk(tmp_path: Path) -> Iterator[SmallDisk]:
+    with small_disk(tmp_path / "disk", "48k") as made:
+        yield made
 
 
 @pytest.mark.long
-def test_a_small_disk_fills_and_is_emptied(small_disk: Path) -> None:
-    plan = small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
+def test_a_small_disk_fills_and_is_emptied(disk: SmallDisk) -> None:
     with pytest.raises(PlaceError, match="No space left on device"):
-        run_study(plan, small_disk / "study", IN_THREADS)
-    kept = contents(small_disk / "study")
+        run_study(forty(), disk.path / "study", IN_THREADS)
+    kept = contents(disk.path / "study")
     assert any(name.startswith("runs") for name in kept)
-    subprocess.run(["mount", "-o", "remount,size=8m", small_disk], check=True)
-    done = run_study(plan, small_disk / "study", IN_THREADS)
-    assert 0 < done.begun < 40
-    after = contents(small_disk / "study")
-    assert {name: after[name] for name in kept} == kept
+    disk.remount("size=8m")
+    assert 0 < run_study(forty(), disk.path / "study", IN_THREADS).begun < 40
+    assert kept.items() <= contents(disk.path / "study").items()
 
 
-def test_a_disk_that_is_read_only(small_disk: Path) -> None:
-    subprocess.run(["mount", "-o", "remount,size=8m", small_disk], check=True)
-    run_study(small_plan(), small_disk / "study", IN_THREADS)
-    before = contents(small_disk)
-    subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
-    for place in (small_disk / "study", small_disk / "other" / "deeper"):
+def test_a_disk_that_is_read_only(disk: SmallDisk) -> None:
+    disk.remount("size=8m")
+    run_study(small_plan(), disk.path / "study", IN_THREADS)
+    before = contents(disk.path)
+    disk.remount("ro")
+    for place in (disk.path / "study", disk.path / "other" / "deeper"):
         with pytest.raises(PlaceError, match="Read-only file system"):
             run_study(small_plan(), place, never)
-    assert contents(small_disk) == before
+    assert contents(disk.path) == before
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")

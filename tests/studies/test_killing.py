@@ -17,22 +17,27 @@ import pytest
 
 from mjsheaf.studies import load_plan, run_study
 from tests.builders import IN_THREADS
-from tests.commands import contents, start
+from tests.commands import contents, start, wait_until
 
-RUNS, KILLS = 40, 10
-GAINS = [0.5 + 0.25 * k for k in range(RUNS // 4)]
-ASKED = ["midpoint", "--backend", "ideal", "--set", "time.end=150", "--set", "spread.position=2.0", "--workers", "2"]
-ASKED += ["--grid", "controller.gain=" + ",".join(map(str, GAINS)), "--seeds", "0:4"]
+RUNS, KILLS = 48, 10
+FIXED: dict[str, Any] = {
+    "time.end": 6,
+    "links.all.noise": 0.2,
+    "events": [{"time": 2, "lose": "A9"}, {"time": 4, "join": "A9"}],
+}
+GRID: dict[str, list[Any]] = {"links.all.loss": [0, 0.2, 0.5], "links.all.delay": [0, 0.01], "events.0.time": [1, 2]}
+ASKED = ["paper", "--backend", "ideal", "--seeds", "0:4"]
+ASKED += [word for path, value in FIXED.items() for word in ("--set", f"{path}={json.dumps(value)}")]
+ASKED += [word for path, values in GRID.items() for word in ("--grid", f"{path}={','.join(map(str, values))}")]
+ASKED += ["--workers", "2"]
+"""A study over links and events: random numbers are counted by sample, in any process; events are parameters, too."""
 
 
-def undisturbed(directory: Path) -> dict[str, bytes]:
-    plan = load_plan(
-        "midpoint",
-        grid={"controller.gain": GAINS},
-        seeds=(0, 4),
-        overrides={"time.end": 150, "spread.position": 2.0},
-        backend="ideal",
-    )
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The files of the study, undisturbed."""
+    directory = tmp_path_factory.mktemp("undisturbed")
+    plan = load_plan("paper", grid=GRID, seeds=(0, 4), overrides=FIXED, backend="ideal")
     run_study(plan, directory, IN_THREADS)
     return contents(directory)
 
@@ -51,9 +56,8 @@ def workers_of(process: "subprocess.Popen[str]") -> list[psutil.Process]:
 
 
 @pytest.mark.long
-def test_killed_ten_times(tmp_path: Path) -> None:
+def test_killed_ten_times(expected: dict[str, bytes], tmp_path: Path) -> None:
     """Command or worker, by SIGKILL, while it starts, runs or writes its table."""
-    expected = undisturbed(tmp_path / "undisturbed")
     out, choose = tmp_path / "out", random.Random(6)
     before: dict[str, tuple[int, int]] = {}
     running = start("sweep", *ASKED, "--out", out)
@@ -61,10 +65,8 @@ def test_killed_ten_times(tmp_path: Path) -> None:
     while kills < KILLS:
         known = len(ended(out))
         early = choose.random() < 0.3
-        deadline = time.monotonic() + 60
-        while not early and len(ended(out)) < min(known + 1, RUNS) and running.poll() is None:
-            assert time.monotonic() < deadline, "no progress"
-            time.sleep(0.01)
+        if not early:
+            wait_until(lambda: len(ended(out)) >= min(known + 1, RUNS) or running.poll() is not None)  # noqa: B023
         time.sleep(choose.random() * (3.0 if early else 0.3))
         if running.poll() is not None:  # it ended before its time came: the last kills are of its end
             assert running.returncode == 0, running.communicate()[1]
@@ -111,16 +113,11 @@ def test_killed_ten_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_ctrl_c_keeps_what_has_ended(tmp_path: Path) -> None:
+def test_ctrl_c_keeps_what_has_ended(expected: dict[str, bytes], tmp_path: Path) -> None:
     """As a terminal does it: the signal goes to the command and to its workers."""
-    expected = undisturbed(tmp_path / "undisturbed")
     out = tmp_path / "out"
     running = start("sweep", *ASKED, "--out", out, start_new_session=True)
-    deadline = time.monotonic() + 90
-    while len(ended(out)) < 3:
-        assert running.poll() is None, running.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: len(ended(out)) >= 3, running=running)
     workers = workers_of(running)
     os.killpg(running.pid, signal.SIGINT)
     _, errors = running.communicate(timeout=60)
@@ -132,43 +129,8 @@ def test_ctrl_c_keeps_what_has_ended(tmp_path: Path) -> None:
     assert 3 <= int(line.split()[2]) <= len(kept) < RUNS
     _, alive = psutil.wait_procs(workers, timeout=20)
     assert not alive
-    assert run_in_threads(out) == expected
+    again = start("sweep", *ASKED[:-2], "--threads", "--out", out)
+    assert again.wait(timeout=120) == 0, again.communicate()[1]
+    assert contents(out) == expected
     now = ended(out)
     assert {name: now[name] for name in kept} == kept
-
-
-def run_in_threads(out: Path) -> dict[str, bytes]:
-    running = start("sweep", *[a for a in ASKED if a not in ("--workers", "2")], "--threads", "--out", out)
-    _, errors = running.communicate(timeout=120)
-    assert running.returncode == 0, errors
-    return contents(out)
-
-
-@pytest.mark.long
-def test_a_study_over_links_and_events_goes_on_to_the_byte(tmp_path: Path) -> None:
-    """Random numbers of links are counted by sample, in any process; events are parameters like any other."""
-    ring = [{"time": 2, "lose": "A9"}, {"time": 4, "join": "A9"}]
-    grid: dict[str, list[Any]] = {
-        "links.all.loss": [0, 0.2, 0.5],
-        "links.all.delay": [0, 0.01],
-        "events.0.time": [1, 2],
-    }
-    fixed = {"time.end": 6, "links.all.noise": 0.2, "events": ring}
-    plan = load_plan("paper", grid=grid, seeds=(0, 2), overrides=fixed, backend="ideal")
-    run_study(plan, tmp_path / "undisturbed", IN_THREADS)
-    asked = ["paper", "--backend", "ideal", "--seeds", "0:2", "--workers", "1"]
-    for path, value in fixed.items():
-        asked += ["--set", f"{path}={json.dumps(value)}"]
-    for path, values in grid.items():
-        asked += ["--grid", f"{path}={','.join(map(str, values))}"]
-    running = start("sweep", *asked, "--out", tmp_path / "out")
-    deadline = time.monotonic() + 60
-    while len(ended(tmp_path / "out")) < 5:
-        assert time.monotonic() < deadline, "no progress"
-        assert running.poll() is None, "it ended before it was killed"
-        time.sleep(0.01)
-    running.kill()
-    running.communicate()
-    again = start("sweep", *asked, "--out", tmp_path / "out")
-    assert again.wait(timeout=120) == 0, again.communicate()[1]
-    assert contents(tmp_path / "out") == contents(tmp_path / "undisturbed")

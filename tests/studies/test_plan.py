@@ -7,8 +7,10 @@ import pytest
 
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.files import list_studies
+from mjsheaf.scenario import load_scenario
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.plan import parse_grid, parse_seeds
+from tests.builders import dump_scenario
 
 
 @pytest.mark.parametrize(
@@ -45,29 +47,22 @@ def test_seeds_are_half_open() -> None:
 
 
 def test_a_study_file_and_what_is_given_beside_it(tmp_path: Path) -> None:
-    (tmp_path / "own.yaml").write_text(
+    path = tmp_path / "own.yaml"
+    path.write_text(
         "summary: a question\nscenario: midpoint\nbackend: ideal\nset: {time.end: 0.5}\n"
         "grid: {controller.gain: [1, 2]}\nseeds: {stop: 3}\n"
     )
-    plan = load_plan(str(tmp_path / "own.yaml"))
+    plan = load_plan(str(path))
     assert (plan.name, len(plan.points), plan.study.set) == ("own", 6, {"time.end": 0.5})
-    plan = load_plan(
-        str(tmp_path / "own.yaml"),
-        grid={"vehicles.tau": [0.1, 0.2]},
-        seeds=(0, 1),
-        overrides={"time.end": 1},
-        backend="physics",
-    )
+    given: dict[str, Any] = {"grid": {"vehicles.tau": [0.1, 0.2]}, "seeds": (0, 1), "overrides": {"time.end": 1}}
+    plan = load_plan(str(path), **given, backend="physics")
     assert [list(p.overrides) for p in plan.points] == 4 * [["controller.gain", "vehicles.tau", "seed"]]
     assert (plan.study.backend, plan.study.set) == ("physics", {"time.end": 1})
     with pytest.raises(ScenarioError, match="swept by the study itself"):
-        load_plan(str(tmp_path / "own.yaml"), grid={"controller.gain": [5]})
+        load_plan(str(path), grid={"controller.gain": [5]})
 
 
 def test_a_study_names_a_scenario_beside_it(tmp_path: Path) -> None:
-    from mjsheaf.scenario import load_scenario
-    from tests.builders import dump_scenario
-
     (tmp_path / "team.yaml").write_text(dump_scenario(load_scenario("midpoint")))
     (tmp_path / "own.yaml").write_text("scenario: team.yaml\nbackend: ideal\n")
     assert load_plan(str(tmp_path / "own.yaml")).scenario["name"] == "midpoint"
@@ -108,10 +103,6 @@ def test_unknown_names_tell_the_known_ones(tmp_path: Path) -> None:
         load_plan(str(tmp_path))
 
 
-def test_a_study_with_one_legal_point_may_begin() -> None:
-    assert len(load_plan("midpoint", grid={"controller.gain": [-1, "high", 2]}, backend="ideal").points) == 3
-
-
 @pytest.mark.parametrize(
     ("grid", "seeds"),
     [
@@ -140,11 +131,7 @@ def test_the_points_that_are_tried_come_from_all_over_the_study(
             {"controller.gain": 5},
             "controller: would overwrite controller.g",
         ),
-        (
-            {"controller": [{}], "controller.gain": [1]},
-            {"controller.gain": 5},
-            "would overwrite",
-        ),
+        ({"controller": [{}], "controller.gain": [1]}, {"controller.gain": 5}, "would overwrite"),
     ],
 )
 def test_a_field_has_one_value(grid: dict[str, list[Any]], overrides: dict[str, Any], said: str) -> None:
@@ -154,9 +141,8 @@ def test_a_field_has_one_value(grid: dict[str, list[Any]], overrides: dict[str, 
 
 def test_fields_within_what_is_set_may_be_swept() -> None:
     overrides = {"controller": {"gain": 5}, "agents.0.heading": 1, "agents.A1.position": [0, 0]}
-    assert (
-        len(load_plan("midpoint", grid={"controller.gain": [1, 2]}, overrides=overrides, backend="ideal").points) == 2
-    )
+    plan = load_plan("midpoint", grid={"controller.gain": [1, 2]}, overrides=overrides, backend="ideal")
+    assert len(plan.points) == 2
 
 
 def test_topology_is_swept() -> None:

@@ -5,9 +5,7 @@ import io
 import json
 import re
 import shlex
-from collections.abc import Callable
 from html import unescape
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +19,12 @@ from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.style import FigureOptions
 from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.figures import plot_study, swept_axes
-from mjsheaf.studies.plan import StudyFile, points_of
+from mjsheaf.studies.plan import Plan, StudyFile, points_of
 from mjsheaf.studies.study import RESULT_FILES, csv_of, make_table, results_of, sealed
 from mjsheaf.studies.workers import JobResult, new_record, run_job
-from tests.builders import IN_THREADS, small_plan
-from tests.commands import contents
+from tests.builders import FACTS, IN_THREADS, small_plan
+from tests.commands import answer_of, contents
+from tests.page.pages import Elements
 from tests.pictures import is_legible
 
 
@@ -84,11 +83,9 @@ def test_parquet_and_csv_are_one_table(mixed: Path) -> None:
 
 
 def test_columns_have_the_type_of_their_values() -> None:
-    study = StudyFile(
-        scenario="midpoint", points=[{"a": 1, "b": 1, "c": "x", "d": True, "e": [1, 2]}, {"b": 2.5, "e": 3}]
-    )
-    plan = small_plan()
-    plan = type(plan)("x", "x", study, {"name": "x"}, Path(), {}, list(points_of(study)))
+    points: list[dict[str, Any]] = [{"a": 1, "b": 1, "c": "x", "d": True, "e": [1, 2]}, {"b": 2.5, "e": 3}]
+    study = StudyFile(scenario="midpoint", points=points)
+    plan = Plan("x", "x", study, {"name": "x"}, Path(), {}, list(points_of(study)))
     table = make_table(plan, [new_record(p, None, "failed", 'a\nb, "c"') for p in plan.points])
     written = pq.read_table(io.BytesIO(table.to_parquet()))
     types = {name: str(written.schema.field(name).type) for name in ("a", "b", "c", "d", "e", "seed")}
@@ -239,49 +236,30 @@ def test_axes_are_logarithmic_where_values_span_decades() -> None:
     assert {path: axis.log for path, axis in axes.items()} == {"a": True, "b": False, "c": False, "d": False}
 
 
-class Reader(HTMLParser):
-    """Collects tags, and what each file of the page is."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.links: list[str] = []
-        self.rows = 0
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.rows += tag == "tr"
-        self.links += [value for key, value in attrs if key in ("src", "href") and value]
-        if tag not in ("meta", "img"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
 def test_the_page_stands_alone(mixed: Path) -> None:
-    text = (mixed / "index.html").read_text()
-    page = Reader()
-    page.feed(text)
+    text = (mixed / "index.html").read_bytes()
+    page = Elements(text)
     assert not page.open
-    assert page.rows == 1 + 12
-    assert "4 finished, 4 unstable, 4 invalid" in text
-    assert [link[:22] for link in page.links] == 3 * ["data:image/png;base64,"] + ["table.csv", "table.parquet"]
-    assert not re.search(r"https?://|<script", text)
+    assert [tag for tag, _ in page.found].count("tr") == 1 + 12
+    assert b"4 finished, 4 unstable, 4 invalid" in text
+    links = [value or "" for _, attributes in page.found for key, value in attributes.items() if key in ("src", "href")]
+    assert [link[:22] for link in links] == 3 * ["data:image/png;base64,"] + ["table.csv", "table.parquet"]
+    assert not re.search(rb"https?://|<script", text)
 
 
-@pytest.mark.long
-def test_the_report_names_the_first_that_did_not_finish(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
+def test_the_report_names_the_first_that_did_not_finish(tmp_path: Path) -> None:
     asked = ["--backend", "ideal", "--set", "time.end=1", "--grid", "controller.gain=1,1e7,2e7", "--threads"]
-    done = mjsheaf("sweep", "midpoint", *asked, "--workers", "1", "--out", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    told = [line for line in done.stdout.splitlines() if not line.endswith(" s since the start")]
+    answer = answer_of("sweep", "midpoint", *asked, "--workers", "1", "--out", tmp_path / "out")
+    assert answer.code == 0, answer.err
+    told = [line for line in answer.out.splitlines() if not line.endswith(" s since the start")]
     assert told[0] == "3 runs: 1 finished, 2 unstable"
     assert told[1].startswith("  run 1: unstable: A1 at t = ")
     assert told[2].startswith("  and 1 more that did not finish; see ")
 
 
-@pytest.mark.long
-def test_the_command_of_the_page_does_the_run(tmp_path: Path, mjsheaf: Callable[..., Any]) -> None:
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
+def test_the_command_of_the_page_does_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With what is set for all runs, text that YAML would take for something else, lists and a seed."""
     (tmp_path / "own.yaml").write_text(
         "scenario: midpoint\nbackend: ideal\nset: {time.end: 0.5, summary: \"it's 'no' & <b>\", name: 'null0'}\n"
@@ -295,8 +273,9 @@ def test_the_command_of_the_page_does_the_run(tmp_path: Path, mjsheaf: Callable[
     assert found
     assert found[1] == "1"
     words = shlex.split(found[2])
-    done = mjsheaf(*words[1:], "--no-video", "--out", tmp_path / "alone", cwd=out)
-    assert done.returncode == 0, done.stderr
+    monkeypatch.chdir(out)
+    answer = answer_of(*words[1:], "--no-video", "--out", tmp_path / "alone")
+    assert answer.code == 0, answer.err
     record = json.loads((out / "runs" / "000001.json").read_text())
     summary = json.loads((tmp_path / "alone" / "summary.json").read_text())
     for measure in MEASURES:
@@ -318,7 +297,6 @@ def test_the_page_shows_text_as_text(tmp_path: Path) -> None:
 
 def test_the_gain_study_is_the_paper_s() -> None:
     """At the published gain its error is the published one; gains go from 0.01 to 30."""
-    facts = json.loads((Path(__file__).parents[1] / "data" / "paper_facts.json").read_text())
     plan = load_plan("gain")
     gains = [point.parameters["controller.gain"] for point in plan.points]
     assert (min(gains), max(gains)) == (0.01, 30)
@@ -326,7 +304,7 @@ def test_the_gain_study_is_the_paper_s() -> None:
     assert max(np.diff(np.log10(gains))) < 0.25
     record = run_job(plan.job(plan.points[gains.index(10)])).record
     assert record["final"]["time"] == pytest.approx(49.99)
-    published = facts["checkpoints_gain_10"]["mean_disagreement"]["49.99"]
+    published = FACTS["checkpoints_gain_10"]["mean_disagreement"]["49.99"]
     assert record["final"]["mean_disagreement"] == pytest.approx(published, abs=1e-8)
     records = [{**record, "run": k, "parameters": p.parameters} for k, p in enumerate(plan.points)]
     assert list(plot_study(plan.study, plan.name, records)) == ["error.png"]  # one plot

@@ -6,12 +6,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -31,7 +32,8 @@ from mjsheaf.studies.workers import (
 )
 from mjsheaf.threads import ONE_THREAD
 from tests.builders import IN_THREADS, small_plan
-from tests.commands import command_line, contents, start
+from tests.commands import command_line, contents, start, wait_until
+from tests.studies.test_controller import LAW
 
 ASKED = ["midpoint", "--backend", "ideal", "--set", "time.end=0.5", "--grid", "controller.gain=1.0,3.0"]
 ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
@@ -40,23 +42,26 @@ ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
 
 @pytest.mark.long
 def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
-    """One worker and two, processes and threads, in another order too; every file but the timings."""
+    """One worker and two, processes and threads, in another order too, under a law with a state; but the timings."""
+    (tmp_path / "law.py").write_text(LAW)
     ways: dict[str, Callable[[], AbstractContextManager[Workers]]] = {
         "one thread": IN_THREADS,
         "three threads": partial(local_workers, 3, processes=False),
         "one process": partial(local_workers, 1),
         "two processes": partial(local_workers, 2),
     }
-    found = {}
-    for name, workers in ways.items():
-        plan = small_plan(seeds=(0, 4), overrides={"spread.position": 1.0}, trajectories=True)
-        assert run_study(plan, tmp_path / name, workers).begun == 8
-        found[name] = contents(tmp_path / name)
-    first = found.pop("one thread")
-    assert sum(name.endswith(".nc") for name in first) == 8
-    assert len({first[name] for name in first if name.startswith("runs")}) == 8
-    for name, other in found.items():
-        assert other == first, name
+    for controller in (None, f"{tmp_path / 'law.py'}:Growing"):
+        plan = small_plan(seeds=(0, 4), overrides={"spread.position": 1.0}, trajectories=True, controller=controller)
+        found = {}
+        for name, workers in ways.items():
+            out = tmp_path / f"{name}, {controller is None}"
+            assert run_study(plan, out, workers).begun == 8
+            found[name] = contents(out)
+        first = found.pop("one thread")
+        assert sum(name.endswith(".nc") for name in first) == 8
+        assert len({first[name] for name in first if name.startswith("runs")}) == 8
+        for name, other in found.items():
+            assert other == first, name
 
 
 def test_a_run_of_a_study_is_the_run_of_its_scenario() -> None:
@@ -87,28 +92,25 @@ def raises_a_stranger(job: Job) -> JobResult:
     return JobResult(new_record(job.point, 0, "finished"), 0.0)
 
 
-@pytest.mark.long
-def test_a_worker_that_dies_of_a_run_is_reported_as_that() -> None:
+def records_of(workers: Workers, way: Callable[[Job], JobResult]) -> list[dict[str, Any]]:
+    """Return the records of four runs, done in a way, in their order."""
     plan = small_plan()
-    with local_workers(1) as workers:
-        found = {d.record["run"]: d.record for d in workers.run(map(plan.job, plan.points), dies_of_the_second)}
-    assert [found[k]["status"] for k in range(4)] == ["finished", "lost", "finished", "finished"]
+    return sorted((d.record for d in workers.run(map(plan.job, plan.points), way)), key=itemgetter("run"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_worker_that_dies_of_a_run_takes_no_other_with_it(workers: int) -> None:
+    with local_workers(workers) as cluster:
+        found = records_of(cluster, dies_of_the_second)
+    assert [record["status"] for record in found] == ["finished", "lost", "finished", "finished"]
     assert found[1]["message"].startswith("its worker died, perhaps for lack of memory; fewer --workers")
 
 
-@pytest.mark.long
-def test_a_worker_that_dies_takes_no_other_run_with_it() -> None:
-    plan = small_plan()
-    with local_workers(3) as workers:
-        found = {d.record["run"]: d.record for d in workers.run(map(plan.job, plan.points), dies_of_the_second)}
-    assert [found[k]["status"] for k in range(4)] == ["finished", "lost", "finished", "finished"]
-
-
 def test_an_error_around_a_run_is_recorded() -> None:
-    plan = small_plan()
     with IN_THREADS() as workers:
-        found = {d.record["run"]: d.record for d in workers.run(map(plan.job, plan.points), raises_a_stranger)}
-    assert [found[k]["status"] for k in range(4)] == ["finished", "failed", "finished", "finished"]
+        found = records_of(workers, raises_a_stranger)
+    assert [record["status"] for record in found] == ["finished", "failed", "finished", "finished"]
     assert found[1]["message"] == "LookupError: no such thing at all"
 
 
@@ -177,10 +179,7 @@ def cluster(folder: Path, workers: int = 1) -> Iterator[tuple[str, list["subproc
         for line in lines
     ]
     try:
-        deadline = time.monotonic() + 60
-        while not (file.exists() and file.read_text()):
-            assert time.monotonic() < deadline, "no scheduler came up"
-            time.sleep(0.05)
+        wait_until(lambda: file.exists() and file.read_text())
         yield json.loads(file.read_text())["address"], processes
     finally:
         for process in processes:
@@ -199,11 +198,10 @@ def test_a_scheduler_by_address(tmp_path: Path) -> None:
     assert "10 runs: 10 finished" in done.stdout
     plan = small_plan(seeds=(0, 5), overrides={"spread.position": 1.0})
     run_study(plan, tmp_path / "here", IN_THREADS)
-    there, here = contents(tmp_path / "out"), contents(tmp_path / "here")
-    assert {name: there[name] for name in there if name.startswith("runs")} != {}
-    assert [json.loads(there[n])["final"] for n in there if n.startswith("runs")] == [
-        json.loads(here[n])["final"] for n in here if n.startswith("runs")
-    ]
+    there, here = (
+        [json.loads(data)["final"] for data in contents(tmp_path / name / "runs").values()] for name in ("out", "here")
+    )
+    assert there == here != []
 
 
 @pytest.mark.long
@@ -236,11 +234,7 @@ def test_a_scheduler_that_dies_ends_the_command_in_order(tmp_path: Path) -> None
     slow += ["--seeds", "0:30", "--out", str(tmp_path / "out")]
     with cluster(tmp_path) as (address, processes):
         running = start("sweep", *slow, "--scheduler", address)
-        deadline = time.monotonic() + 90
-        while not list((tmp_path / "out").glob("runs/*.json")):
-            assert running.poll() is None, running.communicate()
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_until(lambda: list((tmp_path / "out").glob("runs/*.json")), running=running)
         processes[0].kill()
         _, errors = running.communicate(timeout=90)
     assert running.returncode == 2, errors

@@ -75,13 +75,6 @@ def formation(time: Array) -> Array:
     return together + np.stack([20 * np.sin(time), 20 * np.cos(2 * time), 0 * time], axis=-1)[:, None]
 
 
-def test_formation_stays_in_the_picture() -> None:
-    time = np.arange(0, 12, 0.05)
-    points = formation(time)
-    frames, path = follow(time, points[:, :9], points[:, 9:])
-    assert_all_seen(time, points, frames, path, WIDTH)
-
-
 @examples(25)
 @given(
     seed=st.integers(0, 10**6),

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from mjsheaf.errors import MjsheafError
-from mjsheaf.video import VideoOptions, available_backend, gl
+from mjsheaf.video import VideoOptions, gl
 from mjsheaf.video.draw import Painter, draw_video
 from mjsheaf.video.scene import Lines
 from tests.builders import make_film, make_model, samples_of
+from tests.commands import drawing
 
 SMALL = VideoOptions(width=160, height=120, fps=10)
 
@@ -23,14 +24,6 @@ def model() -> mujoco.MjModel:
     return make_model()
 
 
-@pytest.fixture
-def backend() -> str:
-    name, reason = available_backend()
-    if name is None:
-        pytest.skip(reason)
-    return name
-
-
 def decoded(path: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
     reader: Iterator[Any] = imageio_ffmpeg.read_frames(path)
     meta = next(reader)
@@ -38,7 +31,7 @@ def decoded(path: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
     return meta, [np.frombuffer(frame, np.uint8).reshape(height, width, 3).astype(int) for frame in reader]
 
 
-@pytest.mark.usefixtures("backend")
+@drawing
 class TestVideo:
     def test_end_to_end(self, model: mujoco.MjModel, tmp_path: Path) -> None:
         film, path, done = make_film(model), tmp_path / "small.mp4", []

@@ -8,45 +8,35 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-import mjsheaf.video
 from mjsheaf import medium, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.results import open_dataset, write_dataset
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
-from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
+from mjsheaf.scenario import load_scenario
 from mjsheaf.show.played import Poses
-from mjsheaf.video import Film, VideoOptions
+from mjsheaf.video import VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import Frames, film_of, video_options
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.scene import Decorator
+from tests.builders import ONE_BOAT, chase, make_scenario
+from tests.commands import drawing
+
+WINDY: dict[str, Any] = {
+    "target_formation": {"gain": 0.1},
+    "flow": {"agents": {"dimension": 3, "drift": [1, 0.5, 0]}, "targets": {"dimension": 3, "drift": [1, 1, 0]}},
+}
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
-def test_the_film_knows_where_the_surface_is(backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_film_knows_where_the_surface_is(backend: str) -> None:
     """Boats float on it, and stems end on it."""
-    films: list[Film] = []
-
-    def draw_video(drawn: list[tuple[Film, Any]], *_: Any) -> int:
-        films.extend(film for film, _ in drawn)
-        return 0
-
-    monkeypatch.setattr("mjsheaf.video.draw.draw_video", draw_video)
-    scenario = scenario_from_mapping(
-        {
-            "name": "lake",
-            "time": {"end": 0.05},
-            "agents": [{"id": "A", "position": [0, 0]}],
-            "targets": [{"id": "T", "position": [5, 0]}],
-            "sensing": [["A", "T"]],
-            "scene": {"surface": "water", "height": 12.0},
-        }
-    )
-    draw_video([film_of(scenario, simulate(scenario, backend=backend))], tmp_path / "video.mp4", VideoOptions())
-    assert (films[0].surface, films[0].surface_height) == ("water", 12.0)
-    np.testing.assert_allclose(films[0].run.at(films[0].run.time).positions[..., 2], 12.0, atol=1e-6)
+    scenario = make_scenario(ONE_BOAT | {"scene": {"surface": "water", "height": 12.0}})
+    film, _ = film_of(scenario, simulate(scenario, backend=backend))
+    assert (film.surface, film.surface_height) == ("water", 12.0)
+    np.testing.assert_allclose(film.run.at(film.run.time).positions[..., 2], 12.0, atol=1e-6)
 
 
 def test_the_video_shows_whom_the_safety_filter_restrains(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,29 +67,13 @@ def test_the_video_shows_whom_the_safety_filter_restrains(monkeypatch: pytest.Mo
     assert restrained > 10
 
 
-def chase(end: float = 3.0, **video: Any) -> Scenario:
-    return scenario_from_mapping(
-        {
-            "name": "chase",
-            "time": {"end": end},
-            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0, 2]}],
-            "targets": [{"id": "T", "position": [5, 1, 2]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"], ["B", "T"]],
-            "target_formation": {"gain": 0.1},
-            "flow": {"agents": {"dimension": 3, "drift": [1, 0.5, 0]}, "targets": {"dimension": 3, "drift": [1, 1, 0]}},
-            "video": video,
-        }
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
     backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(running, "samples_in_piece", lambda system: 37)
-    scenario = chase()
+    scenario = chase(3.0, **WINDY)
     write_dataset(stream(scenario.system, backend, 0), tmp_path / "a.nc")
     in_memory = film_of(scenario, simulate(scenario, backend))[0].run
     with open_dataset(tmp_path / "a.nc") as dataset:
@@ -116,7 +90,7 @@ def assert_same(one: Poses, other: Poses) -> None:
 
 def test_a_body_without_attitude_faces_where_it_goes() -> None:
     """Oracle: the direction of the recorded velocity of a target on a smooth path."""
-    scenario = chase()
+    scenario = chase(3.0, **WINDY)
     run = film_of(scenario, simulate(scenario, "ideal"))[0].run
     samples = run.at(np.linspace(1.0, 2.0, 7))
     velocity = (run.at(samples.time + 1e-2).positions - run.at(samples.time - 1e-2).positions)[:, 2, :2]
@@ -128,15 +102,11 @@ def test_a_body_without_attitude_faces_where_it_goes() -> None:
     )
 
 
+@drawing
 @pytest.mark.parametrize("surface", ["water", "ground"])
 def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str) -> None:
     """Seen from above, brightness repeats. Oracle: the shift at which the picture is most like itself."""
-    backend, reason = mjsheaf.video.available_backend()
-    if backend is None:
-        pytest.skip(reason)
-    scenario = scenario_from_mapping(
-        chase(0.05).model_dump(exclude_unset=True) | {"scene": {"surface": surface}, "flow": {}}
-    )
+    scenario = chase(0.05, scene={"surface": surface})
     options = video_options(scenario, width=640, height=640, elevation=-90.0, azimuth=90.0, distance=200.0, trail=0.0)
     film, model = film_of(scenario, simulate(scenario, "ideal"))
     with Painter(film, model, options) as painter:
@@ -155,17 +125,15 @@ def test_draft_is_of_the_same_size_with_fewer_pixels_and_frames() -> None:
     assert good.drawn == good.scene == (good.width - good.panel, good.height)
     assert draft.drawn == (good.drawn[0] // 2, good.drawn[1] // 2)
     assert (good.fps, draft.fps) == (30, 15)
-    assert video_options(chase(quality="draft")).fps == 15
-    assert video_options(chase(fps=10), quality="draft").fps == 10
+    assert video_options(chase(video={"quality": "draft"})).fps == 15
+    assert video_options(chase(video={"fps": 10}), quality="draft").fps == 10
     assert video_options(chase(), quality="draft", fps=60).fps == 60
 
 
+@drawing
 @pytest.mark.slow
 def test_a_swarm_of_hundreds_can_be_drawn() -> None:
     """With five materials a vehicle, 199 of them were more than MuJoCo draws. Oracle: the picture is full of them."""
-    backend, reason = mjsheaf.video.available_backend()
-    if backend is None:
-        pytest.skip(reason)
     scenario = load_scenario("swarm", {"swarm.size": 210, "time.end": 0.02, "video.width": 320, "video.height": 180})
     film, model = film_of(scenario, simulate(scenario, backend="ideal"))
     with Painter(film, model, video_options(scenario, quality="draft", trail=0.0)) as painter:
@@ -180,13 +148,11 @@ def test_a_swarm_of_hundreds_can_be_drawn() -> None:
 SIZES = {"hexarotor": 4.0, "boat": 3.0}
 
 
+@drawing
 @pytest.mark.slow
 @pytest.mark.parametrize("named", [{}, SIZES, SIZES | {"H2": 1.5}])
 def test_vehicles_are_scaled_by_kind_and_by_id(named: dict[str, float]) -> None:
     """Each vehicle is drawn larger by its factor. Oracle: the geoms of the same video at the vehicles' own size."""
-    backend, reason = mjsheaf.video.available_backend()
-    if backend is None:
-        pytest.skip(reason)
     scenario = load_scenario("harbour", {"time.end": 0.02, "scene.vehicle_scale": 2.5, "scene.vehicle_scales": named})
     film, model = film_of(scenario, simulate(scenario, backend="ideal"))
     small = video_options(scenario, width=64, height=64)
@@ -211,7 +177,7 @@ def test_a_scale_for_nobody_is_refused() -> None:
 
 def test_arrows_show_the_medium() -> None:
     """Each points where the medium goes at its middle, at the height of those that meet it; the drifts are known."""
-    film, _ = film_of(chase(), simulate(chase(0.1), backend="ideal"))
+    film, _ = film_of(chase(3.0, **WINDY), simulate(chase(0.1, **WINDY), backend="ideal"))
     options = VideoOptions()
     frames = Frames(film, options)
     view = View(np.array([3.0, 1.0, 1.0]), 30.0, -60.0, -35.0, 45.0)
@@ -240,7 +206,7 @@ def test_a_medium_at_rest_has_no_arrows() -> None:
 @pytest.mark.parametrize("distance", [0.3, 7.0, 900.0])
 def test_the_bar_is_as_long_as_it_says(distance: float) -> None:
     """Oracle: two points at this distance, side by side at the centre, as the camera projects them."""
-    film, _ = film_of(chase(), simulate(chase(0.1), backend="ideal"))
+    film, _ = film_of(chase(3.0, **WINDY), simulate(chase(0.1, **WINDY), backend="ideal"))
     options = VideoOptions(width=1000, height=720)
     image = Image.new("RGB", (1000, 720), (128, 128, 128))
     view = View(np.zeros(3), distance, 90.0, -35.0, 45.0)

@@ -15,12 +15,15 @@ from mjsheaf.scenario import load_scenario
 from mjsheaf.show.played import Medium, Stage, largest_speed
 from mjsheaf.show.style import STOPS, speed_colours
 from mjsheaf.video import Film, VideoOptions
+from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, video_options
 from mjsheaf.video.overlay import Overlay, add_bars, add_legend, legend_rows
+from mjsheaf.video.scene import Decorator
 from tests.builders import change_film, make_film, make_model, samples_of
 from tests.commands import call
 
 MAGENTA = (255, 0, 255)
+VIEW = View(np.zeros(3), 80.0, 120.0, -35.0, 45.0)
 MEDIA = [
     Medium(name, [(0.0, np.zeros_like)], np.zeros(0, dtype=np.int64), True, scale, top)
     for scale, (name, top) in enumerate({"wind": 1.5, "current": 0.6}.items())
@@ -59,13 +62,17 @@ def test_every_row_has_a_symbol() -> None:
         assert (np.asarray(canvas.buffer_rgba())[..., :3].max(axis=2) > 60).sum() >= 8, label
 
 
-def test_the_legend_says_how_much_larger_vehicles_are() -> None:
-    words = [str(row.get_label()) for row in rows_of(everything())]
-    assert [each for each in words if each.startswith("drawn")] == ["drawn ×6: drone", "drawn ×4: buoy"]
-    words = [str(row.get_label()) for row in rows_of(replace(everything(), scales=np.full(5, 2.0)))]
-    assert [each for each in words if each.startswith("drawn")] == ["drawn ×2: every vehicle"]
-    words = [str(row.get_label()) for row in rows_of(replace(everything(), scales=np.array([1.0, 1.0, 3.0, 1.0, 1.0])))]
-    assert [each for each in words if each.startswith("drawn")] == ["drawn ×3: A3"]
+@pytest.mark.parametrize(
+    ("scales", "said"),
+    [
+        ([1.0, 1.0, 6.0, 6.0, 4.0], ["drawn ×6: drone", "drawn ×4: buoy"]),
+        ([2.0] * 5, ["drawn ×2: every vehicle"]),
+        ([1.0, 1.0, 3.0, 1.0, 1.0], ["drawn ×3: A3"]),
+    ],
+)
+def test_the_legend_says_how_much_larger_vehicles_are(scales: list[float], said: list[str]) -> None:
+    words = [str(row.get_label()) for row in rows_of(replace(everything(), scales=np.array(scales)))]
+    assert [each for each in words if each.startswith("drawn")] == said
 
 
 @pytest.mark.parametrize("size", [(64, 64), (320, 240), (720, 1280), (1280, 720)])
@@ -79,18 +86,11 @@ def test_legend_and_scene_share_the_frame(size: tuple[int, int]) -> None:
     gone = change_film(film, positions=samples_of(film).positions + 1e7)  # no labels
     frames = Frames(gone, options)
     overlay = Overlay(replace(gone, media=MEDIA), options, frames.extent.survey)
-    view = view_at()
-    overlay.write(image, frames.moment(0), view)
+    overlay.write(image, frames.moment(0), VIEW)
     drawn = np.asarray(image)
     below = drawn[: int(0.8 * size[1]), options.panel :]  # above the scale bar
     assert (below == MAGENTA).all()
     assert (drawn[:, : options.panel - 1] != MAGENTA).any(axis=2).all()
-
-
-def view_at() -> Any:
-    from mjsheaf.video.camera import View
-
-    return View(np.zeros(3), 80.0, 120.0, -35.0, 45.0)
 
 
 def test_a_long_legend_fits() -> None:
@@ -137,7 +137,6 @@ def test_the_legend_is_always_there(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_slow_jet_stands_out_from_a_slower_drift() -> None:
     """Arrows in a jet of 0.5 m/s are longer than those of a drift of 0.1 m/s, and of another colour."""
-    from mjsheaf.video.scene import Decorator
 
     def velocity(places: np.ndarray) -> np.ndarray:
         jet = np.abs(places[:, 1]) < 5.0
@@ -148,8 +147,8 @@ def test_a_slow_jet_stands_out_from_a_slower_drift() -> None:
     frames = Frames(film, options)
     decorator = Decorator(film, options)
     assert largest_speed(velocity, samples_of(film).positions.reshape(-1, 3)) == 0.5
-    decorator.lay_out_arrows(view_at())
-    lines = decorator._arrows(frames.moment(0), view_at(), 0)
+    decorator.lay_out_arrows(VIEW)
+    lines = decorator._arrows(frames.moment(0), VIEW, 0)
     shafts, rgba = lines.ends[: len(lines.ends) // 3], lines.rgba[: len(lines.ends) // 3]
     lengths = np.linalg.norm(np.diff(shafts, axis=1)[:, 0], axis=1)
     fast = np.abs(shafts[:, 0, 1]) < 5.0

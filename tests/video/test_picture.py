@@ -157,11 +157,6 @@ class TestDecoration:
 
 
 class TestWriting:
-    @pytest.mark.parametrize("size", [(64, 64), (160, 120), (1280, 720), (720, 1280)])
-    def test_any_size_of_frame(self, size: tuple[int, int]) -> None:
-        frame = write(make_film(make_model()), VideoOptions(width=size[0], height=size[1]))
-        assert frame.std() > 1
-
     def test_status_changes_with_time_and_legend_does_not(self) -> None:
         film = make_film(make_model(), positions=np.zeros((41, 5, 3)))
         options = VideoOptions(width=640, height=360)

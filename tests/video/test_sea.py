@@ -8,31 +8,22 @@ import pytest
 
 from mjsheaf import simulate
 from mjsheaf.media.waves import WaveArrays, pack_waves, wave_surface
-from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import seas_of
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import film_of, video_options
 from mjsheaf.video.scene import POINTS, mesh
+from tests.builders import chase
 
 WAVES = {"kind": "jonswap", "significant_height": 0.8, "peak_period": 4.0, "direction": 25, "spreading": "cos2"}
 
 
 def afloat(**water: Any) -> Scenario:
-    """Return two boats on water."""
-    return scenario_from_mapping(
-        {
-            "name": "afloat",
-            "time": {"end": 1.0},
-            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [8, 3]}],
-            "targets": [{"id": "T", "position": [4, 6]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"], ["B", "T"]],
-            "flow": {"water": {"dimension": 2, **water}},
-            "scene": {"surface": "water", "height": 1.5},
-            "video": {"width": 320, "height": 240, "elevation": -15},
-        }
-    )
+    """A boat on water, and a drone."""
+    scene = {"surface": "water", "height": 1.5}
+    video = {"width": 320, "height": 240, "elevation": -15}
+    return chase(1.0, flow={"water": {"dimension": 2, **water}}, scene=scene, video=video)
 
 
 def met(waves: WaveArrays, x: float, y: float, time: float) -> list[float]:

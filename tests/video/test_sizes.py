@@ -9,19 +9,13 @@ from mjsheaf import simulate
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError
 from mjsheaf.mujoco_import import mujoco
-from mjsheaf.scenario import load_scenario, scenario_from_mapping
-from mjsheaf.show.style import (
-    MAX_GAP_FRACTION,
-    MIN_FRACTION,
-    automatic_scales,
-    list_scales,
-    round_number,
-    run_size,
-)
+from mjsheaf.scenario import load_scenario
+from mjsheaf.show.style import MAX_GAP_FRACTION, MIN_FRACTION, automatic_scales, list_scales, round_number, run_size
 from mjsheaf.vehicles.loading import SEEN_GROUPS
-from mjsheaf.video import available_backend
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import both_films, film_of, half_options, video_options
+from tests.builders import ONE_BOAT, make_scenario
+from tests.commands import drawing
 from tests.strategies import examples
 
 WIDE = np.random.default_rng(0).uniform(-40, 40, (9, 12, 3)) * [1, 1, 0]
@@ -90,11 +84,9 @@ def radii_of(model: mujoco.MjModel, body_id: IntArray) -> Array:
     return np.array(radii)
 
 
+@drawing
 def test_the_smallest_vehicle_of_a_film_is_seen() -> None:
     """Drones of half a metre among boats of five. Oracle: the model that is drawn."""
-    backend, reason = available_backend()
-    if backend is None:
-        pytest.skip(reason)
     scenario = load_scenario("harbour", {"time.end": 0.02})
     film, model = film_of(scenario, simulate(scenario, backend="ideal"))
     options = video_options(scenario, width=640, height=360)
@@ -119,16 +111,7 @@ def test_both_halves_of_a_comparison_have_the_same_scales() -> None:
 
 def test_names_of_scales_reach_the_terminal_without_control_characters() -> None:
     with pytest.raises(InputError) as caught:
-        scenario_from_mapping(
-            {
-                "name": "lake",
-                "time": {"end": 1},
-                "agents": [{"id": "A", "position": [0, 0]}],
-                "targets": [{"id": "T", "position": [5, 0]}],
-                "sensing": [["A", "T"]],
-                "scene": {"vehicle_scales": {"\x1b[31mred\x07": 2.0}},
-            }
-        )
+        make_scenario(ONE_BOAT | {"scene": {"vehicle_scales": {"\x1b[31mred\x07": 2.0}}})
     assert str(caught.value).isprintable()
     assert r"\x1b[31mred" in str(caught.value)
 
