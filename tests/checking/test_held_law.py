@@ -20,7 +20,8 @@ from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import medium, random_scenario
+from tests.builders import random_scenario
+from tests.oracles.law import medium
 from tests.running import run_ideal
 from tests.strategies import cases
 

@@ -14,6 +14,7 @@ from mjsheaf.results import summarize
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.team import Team
+from tests.oracles.law import residual
 
 TARGET = [10.0, 5.0, 8.0]
 
@@ -126,12 +127,4 @@ def test_residuals_of_edges_of_unlike_shapes_are_those_of_each_edge() -> None:
         positions = 5.0 * np.random.default_rng(0).normal(size=(3, len(team.members), 3))
         found = team.edge_residuals(positions)
         for column, edge in zip(found.T, team.measuring_edges, strict=True):
-            head = positions[:, team.index[edge.head], : edge.F_head.shape[1]] @ edge.F_head.T
-            tail = positions[:, team.index[edge.tail], : edge.F_tail.shape[1]] @ edge.F_tail.T
-            z = head - tail + edge.b
-            length = np.linalg.norm(z, axis=1)
-            if edge.measures == "range":
-                z = (length - edge.offset)[:, None]
-            elif edge.measures == "bearing":
-                z = z - length[:, None] * edge.offset
-            np.testing.assert_allclose(column, np.linalg.norm(z, axis=1), rtol=1e-12, atol=1e-12)
+            np.testing.assert_allclose(column, residual(team, edge, positions), rtol=1e-12, atol=1e-12)
