@@ -24,11 +24,8 @@ from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf, World
 from mjsheaf.files import dump_yaml
-from mjsheaf.law.paths import add_reference
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import AUTOPILOT, STOPPED
-from mjsheaf.loop.system import System
-from mjsheaf.media import varying
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
 from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.show.played import Poses, Stage
@@ -104,6 +101,18 @@ def build_scenario(*members: Any, **fields: Any) -> Scenario:
     return make_scenario(make_fields(*members, **fields))
 
 
+def team_of(agents: dict[str, Any], targets: dict[str, Any], pairs: str = "", **fields: Any) -> dict[str, Any]:
+    """Fields of a scenario: places by id, and pairs "A1 A2, A1 T1" of agents that talk and of what an agent senses."""
+    edges = [pair.split() for pair in pairs.split(",") if pair]
+    return {
+        "agents": [{"id": name, "position": place} for name, place in agents.items()],
+        "targets": [{"id": name, "position": place} for name, place in targets.items()],
+        "communication": [edge for edge in edges if edge[1] in agents],
+        "sensing": [edge for edge in edges if edge[1] in targets],
+        **fields,
+    }
+
+
 def mixed_scenario(**fields: Any) -> Scenario:
     """A boat and two aircraft that track a diver and a boat, in a flow, with a formation; fields replace fields."""
     return make_scenario(
@@ -135,54 +144,32 @@ def mixed_scenario(**fields: Any) -> Scenario:
 
 def two_boats(agents: str, targets: str, /, **fields: Any) -> Scenario:
     """Two boats in a line behind a third that moves; fields replace fields."""
-    return scenario_from_mapping(
-        {
-            "name": "pair",
-            "time": {"end": 3.0},
-            "controller": {"gain": 1.0, "control_period": 0.02},
-            "agents": [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}],
-            "targets": [
-                {
-                    "id": "T1",
-                    "position": [0, 0],
-                    "motion": {"kind": "lissajous", "amplitude": [2, 2], "rate": [0.3, 0.3], "phase": [1.57, 0]},
-                }
-            ],
-            "communication": [["A1", "A2"]],
-            "sensing": [["A1", "T1"], ["A2", "T1"]],
-            "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
-            "vehicles": {"agents": agents, "targets": targets},
-            "physics": {"timestep": 0.005},
-            **fields,
-        }
-    )
+    team = [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}]
+    return _two_behind(team, [0, 0], {"agents": agents, "targets": targets}, 0.005, fields)
 
 
 def two_aircraft(vehicle: str, /, **fields: Any) -> Scenario:
     """Two aircraft about a third that moves; fields replace fields."""
-    return scenario_from_mapping(
+    team = [{"id": "A1", "position": [-4, 1, 5]}, {"id": "A2", "position": [-3, -2, 6]}]
+    return _two_behind(team, [0, 0, 5], {"agents": vehicle, "targets": "aerial"}, 0.002, fields)
+
+
+def _two_behind(
+    team: list[dict[str, Any]], target: list[float], vehicles: dict[str, str], timestep: float, fields: dict[str, Any]
+) -> Scenario:
+    n = len(target)
+    motion = {"amplitude": [2, 2, 0.5][:n], "rate": [0.3] * n, "phase": [1.57, 0, 0][:n]}
+    return make_scenario(
         {
-            "name": "swarm",
             "time": {"end": 3.0},
             "controller": {"gain": 1.0, "control_period": 0.02},
-            "agents": [{"id": "A1", "position": [-4, 1, 5]}, {"id": "A2", "position": [-3, -2, 6]}],
-            "targets": [
-                {
-                    "id": "T1",
-                    "position": [0, 0, 5],
-                    "motion": {
-                        "kind": "lissajous",
-                        "amplitude": [2, 2, 0.5],
-                        "rate": [0.3, 0.3, 0.3],
-                        "phase": [1.57, 0, 0],
-                    },
-                }
-            ],
+            "agents": team,
+            "targets": [{"id": "T1", "position": target, "motion": {"kind": "lissajous", **motion}}],
             "communication": [["A1", "A2"]],
             "sensing": [["A1", "T1"], ["A2", "T1"]],
             "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
-            "vehicles": {"agents": vehicle, "targets": "aerial"},
-            "physics": {"timestep": 0.002},
+            "vehicles": vehicles,
+            "physics": {"timestep": timestep},
             **fields,
         }
     )
@@ -203,14 +190,8 @@ def chase(end: float = 3.0, /, **fields: Any) -> Scenario:
     )
 
 
-ONE_BOAT: dict[str, Any] = {
-    "time": {"end": 0.2},
-    "controller": {"control_period": 0.05},
-    "agents": [{"id": "A1", "position": [0, 0]}],
-    "targets": [{"id": "T1", "position": [5, 5]}],
-    "sensing": [["A1", "T1"]],
-    "physics": {"timestep": 0.005},
-}
+ONE_BOAT = team_of({"A1": [0, 0]}, {"T1": [5, 5]}, "A1 T1", time={"end": 0.2}, controller={"control_period": 0.05})
+ONE_BOAT |= {"physics": {"timestep": 0.005}}
 
 
 QUADROTOR_PAIR: dict[str, Any] = {
@@ -322,29 +303,9 @@ def random_scenario(seed: int) -> dict[str, Any]:
     }
 
 
-# -- the closed loop, written plainly: an oracle -----------------------------------------------------------------------
-
-
-def velocity_commands(system: System, t: float, x: Array) -> Array:
-    """-k1 eta on agents, -k_T (L_T p - c_T) + v(t) on targets, shape (V, 3), by dense products."""
-    team, problem = system.team, system.team.dirichlet
-    n_q = problem.H.shape[0]
-    q, p = np.split(team.pack(x), [n_q])
-    targets = team.target_sheaf
-    eta = problem.H @ q - problem.B @ p - problem.c
-    zeta = targets.laplacian() @ p - targets.whitened_coboundary().T @ targets.whitened_offset()
-    gain = np.concatenate([np.full(n_q, system.gain), np.full(len(p), system.law.gain[-1])])
-    command = team.unpack(-gain * np.concatenate([eta, zeta]))
-    for v in range(len(x)):
-        add_reference(system.motion, v, t, x[v], command[v])
-    return command
-
-
-def medium(system: System, v: int, t: float, x: Array) -> Array:
-    """Flow and disturbance about vehicle v at x (3,)."""
-    w = system.flows[system.field[v]].velocity(x)
-    w[system.team.members[v].dimension :] = 0.0
-    return w + varying.evaluate(system.harmonics, np.array([t]))[0, v]
+def positions_of(data: xr.Dataset) -> Array:
+    """Positions of a run's agents, then its targets, padded with zeros, shape (T, V, 3), m."""
+    return np.nan_to_num(np.concatenate([data["agent_position"].values, data["target_position"].values], axis=1))
 
 
 # -- vehicles ----------------------------------------------------------------------------------------------------------
@@ -553,19 +514,6 @@ def make_team(
 def turn(angle: float) -> Array:
     """Rotation in the plane by an angle in rad."""
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
-def coboundary(team: Team) -> Array:
-    """The coboundary on the agents, dense, block by block from its definition; for inner products c I alone."""
-    first = dict(zip(team.agent_ids, np.cumsum([0, *(a.dimension for a in team.agents)])[:-1].tolist(), strict=True))
-    rows = []
-    for e in team.communication + team.sensing + team.anchors:
-        row = np.zeros((len(e.F_tail), sum(a.dimension for a in team.agents)))
-        for end, F in ((e.tail, e.F_tail), (e.head, -e.F_head)):
-            if end in first:
-                row[:, first[end] : first[end] + F.shape[1]] += np.sqrt(e.weight[0, 0]) * F
-        rows.append(row)
-    return np.vstack([*rows, np.zeros((1, sum(a.dimension for a in team.agents)))])
 
 
 # -- sheaves -----------------------------------------------------------------------------------------------------------

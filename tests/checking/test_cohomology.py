@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 from mjsheaf.checking.spectrum import explain
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
-from tests.builders import Array, coboundary, hold, make_edge, make_team, turn
+from tests.builders import Array, hold, make_edge, make_team, turn
+from tests.oracles.law import coboundary
 from tests.strategies import exact_rank, shared_teams, whole_number_teams
 
 

@@ -22,7 +22,8 @@ from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import build_scenario, known, list_members, make_fields, medium, random_scenario
+from tests.builders import build_scenario, known, list_members, make_fields, random_scenario
+from tests.oracles.law import medium
 from tests.running import ideal_errors, run_ideal
 from tests.strategies import cases
 

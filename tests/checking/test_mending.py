@@ -13,7 +13,8 @@ from hypothesis import given
 from mjsheaf.checking.repairs import Augmentation, plan_augmentation, suggest_edges
 from mjsheaf.checking.spectrum import explain
 from mjsheaf.team import Edge, Team, anchor, restriction_maps
-from tests.builders import Array, coboundary, hold, known, make_edge, make_team, turn
+from tests.builders import Array, hold, known, make_edge, make_team, turn
+from tests.oracles.law import coboundary
 from tests.strategies import exact_rank, examples, shared_teams, whole_number_teams
 
 

@@ -16,7 +16,8 @@ from scipy.spatial import cKDTree
 from mjsheaf.checking.spectrum import EIGENVALUE_TOLERANCE, Spectrum, agent_coboundary, smallest_eigenvalue, spectrum_of
 from mjsheaf.sheaf.sections import smallest_eigenvectors
 from mjsheaf.team import Edge, Team, anchor
-from tests.builders import coboundary, hold, make_edge, make_team
+from tests.builders import hold, make_edge, make_team
+from tests.oracles.law import coboundary
 from tests.strategies import shared_teams, whole_number_teams
 
 

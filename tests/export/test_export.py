@@ -32,7 +32,7 @@ from mjsheaf.results.store import send, split
 from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import Scenario
 from tests.commands import answer_of, is_refusal
-from tests.oracles.residuals import residual_of
+from tests.oracles.law import residual
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +214,8 @@ def test_edges_are_coloured_by_their_residuals_and_join_their_ends(scenario: Sce
         expected = {}
         for edge in edges:
             tail, head = (poses[end][k, :3] for end in (edge.tail, edge.head))
-            part = np.log10(residual_of(edge, tail, head) / 0.01) / 3.0
+            x = np.array([poses[member.id][k, :3] for member in team.members])
+            part = np.log10(residual(team, edge, x) / 0.01) / 3.0
             expected[tuple(tail.tolist()), tuple(head.tolist())] = int(np.clip(np.floor(16 * part), 0, 15))
         assert drawn == expected
 

@@ -14,6 +14,7 @@ from mjsheaf.law.law import carry, edges_kept, evaluate_law, new_memory
 from mjsheaf.loop.system import Phase
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
+from tests.builders import team_of
 
 BACKENDS: dict[str, dict[str, Any]] = {
     "ideal": {"backend": "ideal"},
@@ -26,20 +27,10 @@ H = 0.02
 
 def delayed(events: list[dict[str, Any]], **links: Any) -> Scenario:
     """Two boats in a line behind a target, with a delay of six periods."""
-    return load_scenario(
-        {
-            "time": {"end": 0.5},
-            "seed": 3,
-            "controller": {"gain": 3, "control_period": H},
-            "agents": [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [4, 1]}],
-            "targets": [{"id": "T1", "position": [9, 3]}],
-            "sensing": [["A1", "T1"]],
-            "communication": [["A1", "A2"]],
-            "links": {"all": {"delay": 6 * H} | links, "record": True},
-            "physics": {"timestep": 0.01},
-            "events": events,
-        }
-    )
+    fields: dict[str, Any] = {"time": {"end": 0.5}, "seed": 3, "events": events, "physics": {"timestep": 0.01}}
+    fields |= {"controller": {"gain": 3, "control_period": H}}
+    fields |= {"links": {"all": {"delay": 6 * H} | links, "record": True}}
+    return load_scenario(team_of({"A1": [0, 0], "A2": [4, 1]}, {"T1": [9, 3]}, "A1 T1, A1 A2", **fields))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -102,31 +93,17 @@ TERMS: dict[str, Any] = {
 
 def following(events: list[dict[str, Any]], links: dict[str, Any]) -> Scenario:
     """Boats and an aircraft behind a target on a curve, and Z9, which no other agent measures."""
-    return load_scenario(
-        {
-            "time": {"end": 1.2},
-            "seed": 5,
-            "controller": {"gain": 1.0, "control_period": 0.05, **TERMS},
-            "agents": [
-                {"id": "B0", "position": [-3, 1]},
-                {"id": "B1", "position": [4, 2]},
-                {"id": "D0", "position": [1, -2, 6]},
-                {"id": "Z9", "position": [3, 3]},
-            ],
-            "targets": [
-                {
-                    "id": "T0",
-                    "position": [2, 1, 8],
-                    "motion": {"kind": "lissajous", "amplitude": [5, 5, 1], "rate": [1, 2, 1], "phase": [1, 2, 3]},
-                }
-            ],
-            "communication": [["B0", "B1"], ["B1", "D0"]],
-            "sensing": [["D0", "T0"], ["B0", "T0"], ["Z9", "T0"]],
-            "links": links,
-            "physics": {"timestep": 0.01},
-            "events": events,
-        }
+    team = team_of(
+        {"B0": [-3, 1], "B1": [4, 2], "D0": [1, -2, 6], "Z9": [3, 3]},
+        {"T0": [2, 1, 8]},
+        "B0 B1, B1 D0, D0 T0, B0 T0, Z9 T0",
+        time={"end": 1.2},
+        seed=5,
+        controller={"gain": 1.0, "control_period": 0.05, **TERMS},
+        target_motion={"kind": "lissajous", "amplitude": [5, 5, 1], "rate": [1, 2, 1], "phase": [1, 2, 3]},
+        physics={"timestep": 0.01},
     )
+    return load_scenario(team | {"links": links, "events": events})
 
 
 GAIN = [{"time": 0.5, "set": {"controller.gain": 1.0, "controller.velocity_limit": 1e8}}]

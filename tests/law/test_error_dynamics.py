@@ -15,7 +15,8 @@ from mjsheaf.checking.theorem.of_run import bound_of_run
 from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import random_scenario, velocity_commands
+from tests.builders import random_scenario
+from tests.oracles.law import velocity_commands
 from tests.running import run_ideal
 
 Array = NDArray[np.float64]

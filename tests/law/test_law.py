@@ -1,62 +1,25 @@
-"""The decentralized law: the local form, the ensemble form, and what neither may know.
+"""The decentralized law: its definition by each agent's own edges, and what it may not know.
 
-Oracles: the definitions eta = (delta^T K (delta x - b)) on the agents and d = -+F^T K (y + b), in plain numpy; the
-harmonic extension; and the spectrum of the published run.
+Oracles: the definition, edge by edge; the harmonic extension; and the spectrum of the published run.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from mjsheaf import load_scenario
-from mjsheaf.law import LawArrays, disagreement, pack_law
+from mjsheaf.law import disagreement, pack_law
 from mjsheaf.law.terms import limit_speed
 from mjsheaf.team import Edge, Member, Team
 from mjsheaf.team.edges import Explicit
 from tests.builders import FACTS
+from tests.oracles import law as oracle
 
 Array = NDArray[np.float64]
-
-
-def incident_edges(team: Team, agent: str) -> list[Edge]:
-    """The edges at an agent, in the order of the sheaf: all that it can measure."""
-    return [e for e in team.communication + team.sensing + team.anchors if agent in e.between]
-
-
-def range_bearing(y: Array) -> tuple[float, Array]:
-    """Range |y| in m and unit bearing y / |y|; at range 0 the bearing is zero, so that range * bearing is y."""
-    r = float(np.linalg.norm(y))
-    return r, y / r if r > 0.0 else np.zeros_like(y)
-
-
-class LocalLaw:
-    """The law of one agent as the paper has it, which is handed its own measurements and nothing else.
-
-    On an edge e = (i, j) with measurement y_e = F_j x_j - F_i x_i and desired value b_e, the tail forms
-    d = -F_i^T K (y_e + b_e) and the head d = F_j^T K (y_e + b_e); eta_i is the sum of its d.
-    """
-
-    def __init__(self, team: Team, agent: str, gain: float) -> None:
-        incident = incident_edges(team, agent)
-        self.edges = [(e.tail, e.head) for e in incident]
-        self._gain, self._dimension = gain, team.sheaf.dimension(agent)
-        self._pullback = [-e.F_tail.T @ e.weight if e.tail == agent else e.F_head.T @ e.weight for e in incident]
-        self._offset = [e.b for e in incident]
-
-    def disagreement(self, measurements: list[Array]) -> Array:
-        """eta_i from the measurements y_e of the agent's edges, shape (n_i,), m."""
-        eta = np.zeros(self._dimension)
-        for pullback, y, b in zip(self._pullback, measurements, self._offset, strict=True):
-            eta += pullback @ (y + b)
-        return eta
-
-    def command(self, measurements: list[Array]) -> Array:
-        """-k1 eta_i, shape (n_i,), m/s."""
-        return -self._gain * self.disagreement(measurements)
 
 
 @dataclass(frozen=True)
@@ -107,55 +70,22 @@ def ensemble(team: Team, x: Array) -> Array:
     return disagreement(pack_law(team, 1.0, 1.0, np.full(len(x), np.inf)), x)
 
 
-def measure(team: Team, agent: str, x: Array) -> list[Array]:
-    """Return the agent's measurements: range times bearing on each of its edges, and nothing else."""
-    number = {m.id: (v, m.dimension) for v, m in enumerate(team.members)}
-    y = []
-    for e in incident_edges(team, agent):
-        (tail, n_tail), (head, n_head) = number[e.tail], number[e.head]
-        distance, bearing = range_bearing(e.F_head @ x[head, :n_head] - e.F_tail @ x[tail, :n_tail])
-        y.append(distance * bearing)
-    return y
-
-
 def neighbours(team: Team, agent: str) -> set[str]:
-    return {v for e in incident_edges(team, agent) for v in (e.tail, e.head)} | {agent}
-
-
-@given(cases())
-def test_local_law_is_the_ensemble_law(case: Case) -> None:
-    team = case.team
-    eta = ensemble(team, case.x)
-    for i, agent in enumerate(team.agents):
-        local = LocalLaw(team, agent.id, 3.0)
-        measured = measure(team, agent.id, case.x)
-        size = 1.0 + np.abs(case.x).max() * 100.0
-        np.testing.assert_allclose(
-            local.disagreement(measured), eta[i, : agent.dimension], rtol=1e-12, atol=1e-12 * size
-        )
+    return {v for e in team.measuring_edges if agent in e.between for v in e.between} | {agent}
 
 
 @given(cases())
 def test_ensemble_disagreement_is_its_definition(case: Case) -> None:
-    """eta = H q - B p - c on the agents, L_T p - c_T on the targets; nothing in z for those in the plane."""
+    """Sums over the edges of each vehicle, which are H q - B p - c on agents; nothing in z for those in the plane."""
     team, residual = case.team, ensemble(case.team, case.x)
-    x = team.pack(case.x)
-    sheaf, K, row = team.sheaf, np.zeros((team.sheaf.shape[0],) * 2), 0
-    for e in (*team.communication, *team.sensing, *team.target_edges):
-        K[row : row + len(e.weight), row : row + len(e.weight)] = e.weight
-        row += len(e.weight)
-    delta = sheaf.coboundary().toarray()
-    n_q = sum(a.dimension for a in team.agents)
-    n_T = sum(len(e.weight) for e in team.target_edges)
-    size = 1e-12 * (1.0 + np.abs(delta.T @ K).sum() * 100.0)
-    pulled = delta.T @ K @ (delta @ x - sheaf.offset())
-    np.testing.assert_allclose(team.pack(residual)[:n_q], pulled[:n_q], atol=size)
-    own = slice(row - n_T, row)
-    targets = delta[own, n_q:].T @ K[own, own] @ (delta[own] @ x - sheaf.offset()[own])
-    np.testing.assert_allclose(team.pack(residual)[n_q:], targets, atol=size)
-    problem = team.dirichlet
-    by_blocks = problem.H @ x[:n_q] - problem.B @ x[n_q:] - problem.c
-    np.testing.assert_allclose(team.pack(residual)[:n_q], by_blocks, atol=size)
+    edges = (*team.communication, *team.sensing, *team.target_edges)
+    K = block_diag(np.zeros((0, 0)), *(e.weight for e in edges))
+    size = 1e-12 * (1.0 + np.abs(team.sheaf.coboundary().T @ K).sum() * 100.0)
+    expected = oracle.disagreement(team, case.x) + oracle.disagreement(team, case.x, team.target_edges)
+    np.testing.assert_allclose(residual, expected, atol=size)
+    problem, n_q = team.dirichlet, team.first_state[-1]
+    q, p = np.split(team.pack(case.x), [n_q])
+    np.testing.assert_allclose(team.pack(residual)[:n_q], problem.H @ q - problem.B @ p - problem.c, atol=size)
     planar = [m.dimension == 2 for m in team.members]
     np.testing.assert_array_equal(residual[planar, 2], 0.0)
 
@@ -182,10 +112,6 @@ def test_vehicles_that_are_no_neighbours_do_not_change_a_bit(case: Case) -> None
         moved = case.x.copy()
         moved[far] = 1e6 * case.rng.standard_normal((len(far), 3))
         np.testing.assert_array_equal(ensemble(team, moved)[i], before[i])
-        local = LocalLaw(team, agent.id, 1.0)
-        assert {v for e in local.edges for v in e} | {agent.id} == near
-        command = local.command(measure(team, agent.id, case.x))
-        np.testing.assert_array_equal(local.command(measure(team, agent.id, moved)), command)
         lost = moved.copy()
         lost[far] = np.nan  # not even a number
         np.testing.assert_array_equal(ensemble(team, lost)[i], before[i])
@@ -205,45 +131,12 @@ def test_a_neighbour_does_matter(case: Case) -> None:
         )
 
 
-def test_a_local_law_wants_just_its_measurements() -> None:
-    edge = Edge("A", "T", np.eye(2), np.eye(2), np.eye(2))
-    local = LocalLaw(Team([Member("A", 2)], [Member("T", 2)], [], [edge]), "A", 2.0)
-    np.testing.assert_array_equal(local.command([np.array([3.0, -1.0])]), [6.0, -2.0])
-    with pytest.raises(ValueError, match="argument"):
-        local.command([])
-
-
-def test_range_zero_gives_the_command_of_the_offset_alone() -> None:
-    edge = Edge("A", "T", np.eye(2), np.eye(2), 5.0 * np.eye(2), np.array([1.0, 2.0]))
-    local = LocalLaw(Team([Member("A", 2)], [Member("T", 2)], [], [edge]), "A", 1.0)
-    distance, bearing = range_bearing(np.zeros(2))
-    np.testing.assert_array_equal(local.command([distance * bearing]), [5.0, 10.0])
-
-
-@pytest.fixture(scope="module")
-def published() -> Team:
-    return load_scenario("paper").system.team
-
-
-def test_spectrum_of_the_published_team(published: Team) -> None:
+def test_spectrum_of_the_published_team() -> None:
     """H is the scalar matrix of the published graph on each of the two coordinates: each eigenvalue twice."""
-    values = np.linalg.eigvalsh(published.dirichlet.H.toarray())
+    values = np.linalg.eigvalsh(load_scenario("paper").team.dirichlet.H.toarray())
     np.testing.assert_allclose(values[:2], FACTS["spectrum"]["lambda_min"], rtol=1e-12)
     np.testing.assert_allclose(values[-2:], FACTS["spectrum"]["lambda_max"], rtol=1e-12)
     np.testing.assert_allclose(values[0::2], values[1::2], rtol=1e-10)
-
-
-def test_disagreement_of_the_published_start() -> None:
-    system = load_scenario("paper").system
-    mean = np.linalg.norm(disagreement(system.law, system.initial)[:13], axis=1).mean()
-    np.testing.assert_allclose(mean, FACTS["checkpoints_gain_10"]["mean_disagreement"]["0.01"], rtol=1e-13)
-
-
-def test_packed_law_keeps_gains_and_limits(published: Team) -> None:
-    limits = np.arange(1.0, 18.0)
-    law: LawArrays = pack_law(published, 10.0, 0.05, limits)
-    np.testing.assert_array_equal(law.gain, [10.0] * 13 + [0.05] * 4)
-    np.testing.assert_array_equal(law.limit, limits)
 
 
 @given(st.integers(0, 2**31))

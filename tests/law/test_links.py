@@ -7,8 +7,7 @@ errors; numbers worked out by hand; the runs without links.
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,23 +19,20 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import mjsheaf
-from mjsheaf import World, check, load_scenario, simulate, simulate_many
+from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import InputError
-from mjsheaf.law import pack_law
-from mjsheaf.law.edges import linked_edges, pack_links
-from mjsheaf.law.in_python import LocalSample, PerAgent
+from mjsheaf.law.edges import linked_edges
+from mjsheaf.law.in_python import PerAgent
 from mjsheaf.law.law import carry, evaluate_law, look, new_memory
 from mjsheaf.loop.system import Phase
 from mjsheaf.noise import LARGEST_NORMAL, normal_of, stream_of, uniforms
-from mjsheaf.results.dataset import join
-from mjsheaf.results.store import dataset_bytes, write_dataset
+from mjsheaf.results.store import dataset_bytes
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Edge
 from mjsheaf.team.links import Exact, Link, LinkModel, Links
-from tests.builders import mixed_scenario, two_boats
-from tests.loop.test_phases import without_an_edge
-from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
+from tests.builders import mixed_scenario, positions_of, team_of, two_boats
+from tests.oracles.law import PaperLaw, disagreement, measurement
 
 Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")
@@ -65,17 +61,10 @@ def tangled(**fields: Any) -> Scenario:
     return mixed_scenario(**(wanted | fields))
 
 
-def true_measurements(scenario: Scenario, data: xr.Dataset) -> list[tuple[str, Edge, Array, Array]]:
-    """Kind, edge, y (T, m) and distance (T,) of every edge of communication and sensing."""
-    team = scenario.team
-    x = np.nan_to_num(np.concatenate([data["agent_position"].values, data["target_position"].values], axis=1))
-    found = []
-    for kind, edges in (("communication", team.communication), ("sensing", team.sensing)):
-        for e in edges:
-            tail, head = x[:, team.index[e.tail]], x[:, team.index[e.head]]
-            y = head[:, : e.F_head.shape[1]] @ e.F_head.T - tail[:, : e.F_tail.shape[1]] @ e.F_tail.T
-            found.append((kind, e, y, np.linalg.norm(head - tail, axis=1)))
-    return found
+def true_measurements(scenario: Scenario, data: xr.Dataset) -> Array:
+    """Numbers of all edges of communication and sensing, shape (T, m)."""
+    team, x = scenario.team, positions_of(data)
+    return np.hstack([measurement(team, edge, x) for edge in (*team.communication, *team.sensing)])
 
 
 def attitudes(scenario: Scenario, data: xr.Dataset) -> list[Rotation]:
@@ -143,13 +132,13 @@ def test_every_edge_hears_what_its_link_makes_of_the_truth(backend: str) -> None
     """The law's eta is the sum over received measurements; the true eta is recorded next to it."""
     scenario = tangled()
     data, team = simulate(scenario, backend), scenario.team
-    body, begin, seen = attitudes(scenario, data), 0, set()
-    eta, true_eta = np.zeros((2, data.sizes["time"], len(team.members), 3))
+    body, begin, seen, used = attitudes(scenario, data), 0, set(), []
+    x = positions_of(data)
     resolved = linked_edges(team, scenario.links)
     assert data["measuring_edge"].values[1] == "communication front-back"
-    for k, ((kind, edge, y, distance), (*_, link)) in enumerate(
-        zip(true_measurements(scenario, data), resolved, strict=True)
-    ):
+    for k, (kind, *_, edge, link) in enumerate(resolved):
+        y = measurement(team, edge, x)
+        distance = np.linalg.norm(x[:, team.index[edge.head]] - x[:, team.index[edge.tail]], axis=1)
         line, i, m = Line(kind, edge, link, 11), team.index[edge.tail], y.shape[1]
         heard, found = data["heard"].values[:, k], data["measurement"].values[:, begin : begin + m]
         begin += m
@@ -158,12 +147,10 @@ def test_every_edge_hears_what_its_link_makes_of_the_truth(backend: str) -> None
             seen.add((k, state))
             assert heard[n] == state, (str(edge), n)
             np.testing.assert_allclose(found[n], measured, rtol=0, atol=1e-8, err_msg=f"{edge} {n}")
-        for total, used in ((eta, np.nan_to_num(found + edge.b)), (true_eta, y + edge.b)):
-            total[:, i, : edge.F_tail.shape[1]] -= used @ edge.weight @ edge.F_tail
-            if kind == "communication":
-                total[:, team.index[edge.head], : edge.F_head.shape[1]] += used @ edge.weight @ edge.F_head
+        used.append(np.where(np.isnan(found), -edge.b, found))  # what does not arrive adds nothing
     assert len(seen) >= 12  # new, held and without a measurement on most
-    N = len(team.agents)
+    edges, N = [each.edge for each in resolved], len(team.agents)
+    eta, true_eta = disagreement(team, x, edges, used), disagreement(team, x, edges)
     measured = np.nan_to_num(data["measured_disagreement_vector"].values)
     np.testing.assert_allclose(measured, eta[:, :N], rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.nan_to_num(data["disagreement_vector"].values), true_eta[:, :N], rtol=0, atol=1e-9)
@@ -175,25 +162,12 @@ def test_every_edge_hears_what_its_link_makes_of_the_truth(backend: str) -> None
     np.testing.assert_allclose(data["delivery"], shares, rtol=0, atol=1e-12)
 
 
-class Local:
-    """The paper's law of one agent, from the measurements that it receives."""
-
-    def __init__(self, agent: Any) -> None:
-        self.agent = agent
-
-    def __call__(self, t: float, local: LocalSample) -> Array:
-        eta = np.zeros(self.agent.dimension)
-        for e, y in zip(local.edges, local.measurements, strict=True):
-            F, sign = (e.F_tail, -1) if e.tail == self.agent.id else (e.F_head, 1)
-            eta += sign * F.T @ e.weight @ (y + e.b)
-        return -3.0 * eta
-
-
 @pytest.mark.slow(each=True)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_the_local_form_does_the_same(backend: str) -> None:
     scenario = tangled()
-    ours, theirs = simulate(scenario, backend), simulate(scenario, backend, controller=PerAgent(Local))
+    law = PerAgent(partial(PaperLaw, gain=3.0))
+    ours, theirs = (simulate(scenario, backend, controller=controller) for controller in (None, law))
     np.testing.assert_array_equal(theirs["heard"], ours["heard"])
     np.testing.assert_allclose(theirs["agent_position"], ours["agent_position"], rtol=0, atol=1e-9)
     np.testing.assert_allclose(theirs["measurement"], ours["measurement"], rtol=0, atol=1e-9)
@@ -225,7 +199,7 @@ def still(links: dict[str, Any], end: float = 100.0, **fields: Any) -> tuple[Sce
 @pytest.mark.slow
 def test_noise_is_white_of_its_deviation_and_the_bias_its_mean() -> None:
     scenario, data = still({"all": {"noise": 0.3, "bias": 0.7}, "sensing": {"noise": 0.1}})
-    truth = np.hstack([y for _, _, y, _ in true_measurements(scenario, data)])
+    truth = true_measurements(scenario, data)
     error = data["measurement"].values - truth
     n, sigma = len(error), np.array([0.3, 0.3, 0.1, 0.1, 0.1, 0.1])
     assert (np.abs(error.mean(axis=0) - 0.7) < 5 * sigma / np.sqrt(n)).all()
@@ -245,13 +219,10 @@ def test_normal_numbers() -> None:
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_delay_is_whole_periods_to_the_bit(backend: str) -> None:
     """Measurements that arrive at n were taken at n - d, on bodies too; before, no agent receives or sends any."""
-    now = mixed_scenario(links={"record": True}, controller={"control_period": H}, time={"end": 0.3})
-    late = mixed_scenario(
-        links={"record": True, "all": {"delay": 0.07}}, controller={"control_period": H}, time={"end": 0.3}
-    )
-    for scenario, d in ((now, 0), (late, 7)):
+    for d in (0, 7):
+        scenario = changing([], links={"record": True, "all": {"delay": d * H}}, controller={"control_period": H})
         data = simulate(scenario, backend)
-        truth = np.hstack([y for _, _, y, _ in true_measurements(scenario, data)])
+        truth = true_measurements(scenario, data)
         found = data["measurement"].values
         assert np.isnan(found[:d]).all()
         np.testing.assert_allclose(found[d:], truth[: len(truth) - d], rtol=0, atol=1e-13)
@@ -260,14 +231,7 @@ def test_delay_is_whole_periods_to_the_bit(backend: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "bursts",
-    [
-        pytest.param(0.3, marks=pytest.mark.slow),
-        BURSTS,
-        pytest.param({**BURSTS, "loss_good": 0.0, "loss_bad": 1.0}, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("bursts", [0.3, BURSTS, {**BURSTS, "loss_good": 0.0, "loss_bad": 1.0}])
 def test_the_stationary_share_of_losses(bursts: Any) -> None:
     """From the first sample on; five standard errors, those of a chain whose memory is 1 - to_bad - to_good."""
     _, data = still({"all": {"loss": bursts}}, end=100.0)
@@ -287,23 +251,13 @@ def test_the_stationary_share_of_losses(bursts: Any) -> None:
 
 def test_beyond_its_range_a_link_is_silent() -> None:
     """By the distance of bodies in space, whatever the edge compares; the surface has a height."""
-    away = {"id": "front", "position": [0, 4, 8]}
-    fields: dict[str, Any] = {
-        "agents": [{"id": "boat", "position": [0, 0]}, away],
-        "targets": [{"id": "diver", "position": [0, 1]}],
-        "communication": [["boat", "front"]],
-        "sensing": [["boat", "diver"], ["front", "diver"]],
-        "target_edges": [],
-        "target_formation": None,
-        "formations": [],
-        "flow": {},
-        "anchors": [{"agent": "front", "axes": ["z"], "value": [8.0]}],
-        "time": {"end": 0.05},
-    }
+    pairs = "boat front, boat diver, front diver"
+    team = team_of({"boat": [0, 0], "front": [0, 4, 8]}, {"diver": [0, 1]}, pairs, time={"end": 0.05})
+    team["anchors"] = [{"agent": "front", "axes": ["z"], "value": [8.0]}]
     for height, distance in ((0.0, np.sqrt(80.0)), (5.0, 5.0)):
         for far, heard in ((distance - 1e-3, 0), (distance + 1e-3, 2)):
             links = {"communication": {"range": far}, "record": True}
-            data = simulate(mixed_scenario(**fields, links=links, scene={"height": height}), "ideal")
+            data = simulate(load_scenario(team | {"links": links, "scene": {"height": height}}), "ideal")
             assert data["heard"].values[0].tolist() == [heard, 2, 2]
 
 
@@ -375,15 +329,9 @@ def test_a_phase_begins_with_what_filters_hold() -> None:
 
 def at_target(law: dict[str, Any], **fields: Any) -> xr.Dataset:
     """A run of two agents at a target that stands still."""
-    tree = {
-        "time": {"end": 12.0},
-        "controller": law,
-        "agents": [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [0, 0]}],
-        "targets": [{"id": "T1", "position": [0, 0]}],
-        "communication": [["A1", "A2"]],
-        "sensing": [["A1", "T1"], ["A2", "T1"]],
-    }
-    return simulate(load_scenario({**tree, **fields}), "ideal")
+    fields = {"time": {"end": 12.0}, "controller": law, **fields}
+    team = team_of({"A1": [0, 0], "A2": [0, 0]}, {"T1": [0, 0]}, "A1 A2, A1 T1, A2 T1", **fields)
+    return simulate(load_scenario(team), "ideal")
 
 
 def test_a_delay_longer_than_the_run_and_a_range_that_is_just_reached() -> None:
@@ -415,7 +363,7 @@ def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
     maps = {"tail": rng.normal(size=(m, 2)).tolist(), "head": rng.normal(size=(m, 2)).tolist()}
     twice = [{"between": ["A1", "A2"], "map": maps, "parallel": True} for _ in range(2)]
     scenario, data = still({"communication": {"noise": 0.3}}, end=20.0, communication=twice, formations=[])
-    truth = np.hstack([y for _, _, y, _ in true_measurements(scenario, data)])[:, : 2 * m]
+    truth = true_measurements(scenario, data)[:, : 2 * m]
     error = data["measurement"].values[:, : 2 * m] - truth
     n = len(error)
     assert (np.abs(error.var(axis=0) / 0.09 - 1) < 5 * np.sqrt(2 / n)).all()
@@ -425,67 +373,15 @@ def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
 # -- the same bits -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("run", "pieces"),
-    [
-        pytest.param(run_ideal, stream_ideal, id="ideal"),
-        pytest.param(run_physics, stream_physics, id="bodies", marks=pytest.mark.slow),
-    ],
-)
-def test_pieces_phases_and_threads_give_the_same_bits(run: Callable[..., Any], pieces: Callable[..., Any]) -> None:
-    scenario = tangled(time={"end": 0.2})
-    system = scenario.system
-    whole = run(system)
-    for parts in (pieces(system, 7), pieces([Phase(0, system), Phase(9, tangled(time={"end": 0.2}).system)], 1000)):
-        logs = [part.log for part in parts]
-        for name in ("positions", "residual", "command", "heard", "measurements"):
-            found = np.concatenate([getattr(log, name) for log in logs])
-            np.testing.assert_array_equal(found, getattr(whole.log, name), err_msg=name)
-    backend = "ideal" if run is run_ideal else "physics"
-    seeds = [tangled(time={"end": 0.2}, seed=seed) for seed in (11, 12, 11)]
-    many = [data for data in simulate_many(seeds, backend, workers=3) if isinstance(data, xr.Dataset)]
-    for k, data in enumerate(many):
-        assert dataset_bytes(data) == dataset_bytes(many[k % 2])
-    assert dataset_bytes(many[0]) != dataset_bytes(many[1])
-    np.testing.assert_array_equal(np.nan_to_num(many[0]["agent_position"].values), whole.positions[:, :3])
-
-
-@pytest.mark.parametrize("steps", [137, 140])
-def test_a_world_goes_on_from_a_state(steps: int) -> None:
-    """At a sample and between; what is under way is in the state."""
-    scenario = tangled()
-    world, other = World(scenario), World(scenario)
-    world.step(steps)
-    state = world.get_state()
-    world.step(260)
-    other.set_state(state)
-    other.step(260)
-    np.testing.assert_array_equal(other.get_state(), world.get_state())
-    world.reset()
-    fresh = World(scenario)
-    fresh.step(50)
-    world.step(50)
-    np.testing.assert_array_equal(world.get_state(), fresh.get_state())
-
-
 def test_what_is_under_way_survives_a_phase_with_other_edges() -> None:
     """The remaining edges receive without a gap, with their own random numbers."""
-    fields = {"time": {"end": 0.4}, "links": {"all": {"noise": 0.2, "delay": 0.05, "loss": 0.1}, "record": True}}
-    scenario = mixed_scenario(seed=5, **fields)
-    system = scenario.system
-    fewer = without_an_edge(system)
-    links = pack_links(fewer.team, scenario.links, period=H)
-    fewer = replace(fewer, law=pack_law(fewer.team, 2.0, 0.0, system.law.limit, links=links, seed=5))
-    phases = [Phase(0, system), Phase(20, fewer)]
-    data = join(stream(phases, "ideal", 5, samples=1000))
-    alone = simulate(scenario, "ideal")
-    heard = data["heard"].values
-    np.testing.assert_array_equal(heard[:, 1:], alone["heard"].values[:, 1:])
-    assert (heard[20:, 0] == 0).all()
+    links = {"all": {"noise": 0.2, "delay": 0.05, "loss": 0.1}, "record": True}
+    cut = [{"time": 0.2, "cut": ["boat", "front"]}]
+    data, alone = (simulate(changing(events, seed=5, links=links), "ideal") for events in (cut, []))
+    np.testing.assert_array_equal(data["heard"][:, 1:], alone["heard"][:, 1:])
+    assert (data["heard"].values[20:, 0] == 0).all()
     assert data.sizes["edge"] == 5
-    first = slice(2, None)  # the numbers of the edges that stay
-    now, before = data["measurement"].values[20:25, first], alone["measurement"].values[20:25, first]
+    now, before = (run["measurement"].values[20:25, 2:] for run in (data, alone))  # of the edges that stay
     np.testing.assert_array_equal(now, before)  # measured before the phase began
 
 
@@ -506,20 +402,13 @@ def test_links_that_do_nothing_change_no_bit(backend: str) -> None:
     idle = mixed_scenario(time={"end": 0.2}, links={"all": nothing, "sensing": {"loss": {**BURSTS, "loss_good": 0.0,
                                                                                         "loss_bad": 0.0}}})  # fmt: skip
     assert dataset_bytes(simulate(idle, backend)) == dataset_bytes(simulate(plain, backend))
-    memory = new_memory(idle.system.law, 5)
-    assert len(memory.flat) == len(idle.system.law.edges.b) + 45
     assert not idle.uses_seed("ideal")
     assert tangled().uses_seed("ideal")
 
 
 @pytest.mark.long
-def test_the_file_is_the_same_in_pieces(tmp_path: Path) -> None:
-    scenario = tangled(time={"end": 0.3})
-    write_dataset(stream(scenario.system, "ideal", 11, samples=9), tmp_path / "pieces.nc")
-    whole = simulate(scenario, "ideal")
-    with xr.open_dataset(tmp_path / "pieces.nc") as found:
-        for name in whole.data_vars:
-            np.testing.assert_array_equal(found[name], whole[name], err_msg=str(name))
+def test_a_saved_run_says_what_was_delivered_and_can_be_repeated(tmp_path: Path) -> None:
+    whole = simulate(tangled(time={"end": 0.3}), "ideal")
     outcome = mjsheaf.save(whole, tmp_path / "run", video=False)
     shares, kinds = whole["delivery"].values, whole["edge_kind"].values
     said = json.loads((tmp_path / "run" / "summary.json").read_text())["delivery"]
@@ -638,8 +527,8 @@ def test_one_who_joins_faces_where_it_moves() -> None:
     scenario = changing([{"time": 0.2, "join": "back"}], sensing=sensing, links={"record": True}, seed=4)
     data = simulate(scenario, "ideal")
     body = attitudes(scenario, data)[2]
-    kind, edge, y, _ = true_measurements(scenario, data)[4]
-    line = Line(kind, edge, linked_edges(scenario.team, scenario.links)[4][-1], 4)
+    kind, *_, edge, link = linked_edges(scenario.team, scenario.links)[4]
+    line, y = Line(kind, edge, link, 4), measurement(scenario.team, edge, positions_of(data))
     for n in range(20, 41):
         found = data["measurement"].values[n, -3:]
         np.testing.assert_allclose(found, line.sense(n, y[n], body[n]), rtol=0, atol=1e-8)
@@ -647,13 +536,9 @@ def test_one_who_joins_faces_where_it_moves() -> None:
 
 def test_a_sensor_that_needs_attitudes_from_a_phase_on_begins_with_the_headings() -> None:
     """The agents rest: their measurements are those of a run that had the sensor from the start."""
-    fields: dict[str, Any] = {
-        "time": {"end": 0.2},
-        "controller": {"gain": 1e-12, "control_period": 0.02},
-        "agents": [{"id": "A", "position": [3, 4, 5], "heading": 70}],
-        "targets": [{"id": "T", "position": [9, 1, 7]}],
-        "sensing": [["A", "T"]],
-    }
+    fields = team_of({"A": [3, 4, 5]}, {"T": [9, 1, 7]}, "A T", time={"end": 0.2})
+    fields |= {"controller": {"gain": 1e-12, "control_period": 0.02}}
+    fields["agents"][0]["heading"] = 70
     sensor = {"record": True, "sensing": {"sensor": RANGE_BEARING}}
     plain, measured = (load_scenario(fields | {"links": links}).system for links in ({"record": True}, sensor))
     pieces = list(stream([Phase(0, plain), Phase(5, measured)], "ideal", 0))
@@ -692,16 +577,23 @@ def test_the_finest_section_counts_field_by_field() -> None:
         ({"links.all.noise": -1}, ["links.all.noise"]),
         ({"links.all.lost": 0.1}, ["links.all.lost", "unknown field", "loss"]),
         ({"links.radio": {"loss": 0.1}}, ["links.radio", "communication"]),
-        ({"links.all.noise": 0.1, "controller.control_period": 0}, ["controller.control_period is 0", "positive"]),
+        ({"links.all.noise": 0.1, "controller": {"control_period": 0}}, ["controller.control_period is 0", "positive"]),
         ({"links.all": {"noise": 1.0, "sensor": RANGE_BEARING}}, ["links.all", "noise", "range_noise"]),
         ({"links.all.sensor": RANGE_BEARING, "links.sensing.noise": 1.0}, ["links.sensing", "noise", "exact"]),
         ({"communication.3": {"between": ["A4", "A5"], "delay": 0.005}}, ["communication.3.delay", "0 or 0.01"]),
         ({"links.all.delay": 1e6, "links.all.noise": 1.0}, ["links", "delay lines", "shorter"]),
+        ({"links.rounds.delay": 0.055}, ["links.rounds.delay: 0.055", "0.05 or 0.06"]),
+        ({"links.rounds.loss": 1.2}, ["links.rounds.loss", "at most 1"]),
+        ({"links.rounds.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["to_bad", "at most 1"]),
+        ({"links.rounds.noise": 0.1}, ["links.rounds.noise", "unknown field"]),
+        ({"links.rounds.range": 5.0}, ["links.rounds.range", "unknown field"]),
+        ({"links.rounds.sensor": {"kind": "exact"}}, ["links.rounds.sensor", "unknown field"]),
+        ({"links.rounds.delay": 1e6}, ["links.rounds", "delay lines", "shorter"]),
     ],
 )  # fmt: skip
 def test_bad_links_are_one_line_that_names_the_field(fields: dict[str, Any], said: list[str]) -> None:
     with pytest.raises(InputError) as error:
-        _ = load_scenario("paper", fields).system
+        _ = load_scenario("paper", {"controller.newton.rounds": 2} | fields).system
     assert "\n" not in str(error.value)
     for words in said:
         assert words in str(error.value)
@@ -727,31 +619,3 @@ def test_range_and_bearing_need_a_frame(maps: Any, fits: bool) -> None:
     else:
         with pytest.raises(InputError, match=r"communication\.1.*range_bearing.*F_tail = R P"):
             scenario()
-
-
-@pytest.mark.parametrize("delay", [1, 2, 4])
-def test_the_limit_of_delay_and_what_check_says_of_it(delay: int) -> None:
-    """k1 h lambda_max < 2 sin(pi / (2 (2 d + 1))): a run on either side of it, and check's largest gain."""
-    plain = two_boats("hull", "hull", controller={"control_period": 0.02})
-    limit = 2 * np.sin(np.pi / (2 * (2 * delay + 1))) / (0.02 * plain.system.largest_eigenvalue)
-
-    def late(share: float) -> Scenario:
-        fields = {"controller": {"gain": share * limit, "control_period": 0.02}, "time": {"end": 40.0}}
-        return two_boats("hull", "hull", links={"all": {"delay": 0.02 * delay}}, **fields)
-
-    runs = [simulate(late(share), "ideal") for share in (0.97, 1.03)]
-    error = [np.abs(data["disagreement"].values).max(axis=1) for data in runs]
-    assert error[0][-300:].max() < error[0][300:600].max()
-    assert error[1][-300:].max() > 3 * error[1][300:600].max()
-    found = check(late(1.03), trial=False)["links"]["delay"]["largest_gain"]
-    assert found == pytest.approx(limit, rel=1e-9)
-
-
-def test_memory_does_not_grow() -> None:
-    """The memory of links is in the law's single array, allocated once; its size follows from delays alone."""
-    for delay, hold in ((0, 0.0), (3, 0.0), (3, 0.1)):
-        links = {"all": {"noise": 0.1, "delay": delay * H, "hold": hold}}
-        sensing = [["boat", "ship"], ["front", "diver"]]
-        law = tangled(links=links, communication=[["boat", "front"]], sensing=sensing).system.law
-        m = [b - a for a, b in pairwise(law.edges.first.tolist())][:3]
-        assert law.links.size == sum((delay + 1) * (1 + k) for k in m)

@@ -5,6 +5,7 @@ Oracles: the compiled law, the team's own maps, and laws written so that the ans
 
 import json
 from collections.abc import Generator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent, Read
 from mjsheaf.scenario.load import load_controller
 from tests.builders import mixed_scenario
 from tests.commands import IDEAL, RUN_FILES, answer_of, call, is_refusal
+from tests.oracles.law import PaperLaw, measurement
 from tests.running import run_ideal, run_physics
 
 Array = NDArray[np.float64]
@@ -27,23 +29,9 @@ BACKENDS = ("ideal", "physics")
 SHORT = {"time": {"end": 0.3}}
 
 
-class PaperLaw:
-    """-k1 eta_i of one agent, from its own measurements: the tail's and the head's share of each edge."""
-
-    def __init__(self, agent: Agent) -> None:
-        self.agent = agent
-
-    def __call__(self, t: float, local: LocalSample) -> Array:
-        eta = np.zeros(self.agent.dimension)
-        for e, y in zip(self.agent.edges, local.measurements, strict=True):
-            F, sign = (e.F_tail, -1.0) if e.tail == self.agent.id else (e.F_head, 1.0)
-            eta += sign * F.T @ e.weight @ (y + e.b)
-        return -10.0 * eta
-
-
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(
-    "law", [lambda t, sample: -10.0 * sample.disagreement, PerAgent(PaperLaw)], ids=["team", "each"]
+    "law", [lambda t, sample: -10.0 * sample.disagreement, PerAgent(partial(PaperLaw, gain=10.0))], ids=["team", "each"]
 )
 def test_the_papers_law_in_python_is_the_compiled_one(law: Any, backend: str) -> None:
     scenario = mjsheaf.load_scenario("paper", {"time.end": 0.5 if backend == "physics" else 3.0})
@@ -115,7 +103,6 @@ def test_one_call_a_sample_and_what_it_is_shown(backend: str) -> None:
     assert law.begun == 1
     team = scenario.system.team
     positions = np.nan_to_num(np.concatenate([found["agent_position"], found["target_position"]], axis=1))
-    number = {m.id: v for v, m in enumerate(team.members)}
     for k in (0, 7, 30):
         sample = seen[k][1]
         np.testing.assert_array_equal(sample.truth.positions, positions[k])
@@ -123,9 +110,7 @@ def test_one_call_a_sample_and_what_it_is_shown(backend: str) -> None:
         np.testing.assert_allclose(sample.truth.harmonic_extension, q_star, atol=1e-9)
         assert len(sample.edges) == len(sample.measurements) == len(team.communication) + len(team.sensing)
         for e, y in zip(sample.edges, sample.measurements, strict=True):
-            tail, head = positions[k, number[e.tail]], positions[k, number[e.head]]
-            expected = e.F_head @ head[: e.F_head.shape[1]] - e.F_tail @ tail[: e.F_tail.shape[1]]
-            np.testing.assert_allclose(y, expected, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(y, measurement(team, e, positions[k]), rtol=0, atol=1e-12)
         np.testing.assert_allclose(np.linalg.norm(sample.attitude, axis=1), 1.0, rtol=0, atol=1e-9)
         np.testing.assert_allclose(sample.disagreement, np.nan_to_num(found["disagreement_vector"].values[k]))
     if backend == "physics":

@@ -24,6 +24,7 @@ from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, VideoOptions, film_of
 from mjsheaf.video.scene import ABSENT, COMMUNICATION, Decorator, owners_of_geoms
 from tests.builders import mixed_scenario
+from tests.oracles.law import disagreement
 
 BACKENDS = ["ideal", "physics"]
 LOST = 20  # sample at which an event happens in most of these tests
@@ -232,13 +233,7 @@ def test_cut_restore_lost_targets_and_gains_against_dense_algebra() -> None:
         edges = [e for j, e in enumerate(plain.communication) if j in left[k]]
         edges += [e for e in plain.sensing if seen[k] or e.head != "ship"]
         x = np.nan_to_num(positions_of(data)[phase.start])
-        eta = np.zeros((3, 3))
-        for e in edges:
-            i, j = plain.index[e.tail], plain.index[e.head]
-            z = e.F_tail @ x[i, : e.F_tail.shape[1]] - e.F_head @ x[j, : e.F_head.shape[1]] - e.b
-            eta[i, : e.F_tail.shape[1]] += e.F_tail.T @ z
-            if j < 3:
-                eta[j, : e.F_head.shape[1]] -= e.F_head.T @ z
+        eta = disagreement(plain, x, edges)[:3]
         np.testing.assert_allclose(
             np.nan_to_num(data["disagreement_vector"].values[phase.start]), eta, rtol=0, atol=1e-12
         )

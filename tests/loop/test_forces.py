@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, simulate
 from mjsheaf.vehicles import vehicle as body
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, find, make_scenario, medium, mixed_scenario, velocity_commands, xml_of
+from tests.builders import altered, find, make_scenario, mixed_scenario, xml_of
+from tests.oracles.law import medium, velocity_commands
 from tests.running import run_physics
 
 Array = NDArray[np.float64]

@@ -18,7 +18,8 @@ from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.system import System
 from mjsheaf.results import make_datasets
 from mjsheaf.scenario import Scenario
-from tests.builders import FACTS, FLOW, Simulated, make_scenario, medium, mixed_scenario, velocity_commands
+from tests.builders import FACTS, FLOW, Simulated, make_scenario, mixed_scenario
+from tests.oracles.law import medium, velocity_commands
 from tests.running import run_ideal
 
 Array = NDArray[np.float64]

@@ -1,6 +1,7 @@
 """Formations that change: against dense algebra, against runs that start from there, and between backends and faces."""
 
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import xarray as xr
 from mjsheaf import Session, World, check, envs, load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
+from tests.oracles.law import disagreement, harmonic_extension
 
 Array = np.ndarray
 PERIOD = 0.02
@@ -60,26 +62,6 @@ def fields_after(scenario: Scenario, values: dict[str, Any] | None = None) -> Sc
     return load_scenario(raw)
 
 
-def dense_extension(scenario: Scenario, targets: Array, offsets: Array) -> Array:
-    """Solve for q* with edge offsets (m,), m, by normal equations of the written-out coboundary; (N, 3) padded."""
-    team = scenario.team
-    width = 3 * len(team.members)
-    rows = []
-    for e in team.measuring_edges:
-        row = np.zeros((len(e.b), width))
-        for end, F in ((e.tail, e.F_tail), (e.head, -e.F_head)):
-            if end in team.index:
-                row[:, 3 * team.index[end] :][:, : F.shape[1]] += F
-        rows.append(row)
-    delta = np.concatenate(rows)
-    own = team.slots[: team.first_state[-1]]
-    p = np.zeros(width)
-    p[3 * len(team.agents) :] = np.nan_to_num(targets).ravel()
-    q = np.zeros(width)
-    q[own] = np.linalg.lstsq(delta[:, own], offsets - delta @ p, rcond=None)[0]
-    return q.reshape(-1, 3)[: len(team.agents)]
-
-
 def rms(data: xr.Dataset) -> Array:
     return np.asarray(np.sqrt((data["tracking_error"].values ** 2).mean(axis=1)))
 
@@ -89,9 +71,13 @@ def test_q_star_is_the_extension_of_interpolated_offsets(backend: str) -> None:
     scenario = ring([change()])
     data = simulate(scenario, backend, engine="mujoco")
     before, after = offsets_of(scenario), offsets_of(fields_after(scenario))
+    team = scenario.team
+    ends = np.cumsum([len(e.b) for e in team.measuring_edges])[:-1]
     for k in range(0, data.sizes["time"], 3):
         share = np.clip((k - FIRST) / (LAST - FIRST), 0.0, 1.0)
-        expected = dense_extension(scenario, data["target_position"].values[k], before + share * (after - before))
+        offsets = np.split(before + share * (after - before), ends)
+        edges = [replace(e, offset=b) for e, b in zip(team.measuring_edges, offsets, strict=True)]
+        expected = harmonic_extension(team, data["target_position"].values[k], edges)
         found = np.nan_to_num(data["harmonic_extension"].values[k])
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
         away = np.linalg.norm(found - np.nan_to_num(data["agent_position"].values[k]), axis=1)
@@ -171,13 +157,7 @@ def test_over_links_the_disagreement_is_the_true_one_and_silence_has_no_effect()
     positions = np.nan_to_num(np.concatenate([data["agent_position"], data["target_position"]], axis=1))
     for k in (5, 15, 25, 40):
         team = teams[int(data["phase"].values[k])].team
-        eta = np.zeros((len(team.members), 3))
-        for e in team.edges_at(float(data["time"][k])):
-            ends = [(e.tail, e.F_tail, -1.0), (e.head, e.F_head, 1.0)]
-            y = sum(s * F @ positions[k, team.index[i], : F.shape[1]] for i, F, s in ends if i in team.index)
-            for i, F, s in ends:
-                if i in team.index:
-                    eta[team.index[i], : F.shape[1]] += s * F.T @ (y + e.b)
+        eta = disagreement(team, positions[k], team.edges_at(float(data["time"][k])))
         expected = np.linalg.norm(eta[: len(team.agents)], axis=1)
         np.testing.assert_allclose(data["disagreement"].values[k], expected, rtol=0, atol=1e-12)
     silent = simulate(ring([change()], links={"all": {"loss": 1.0}}, anchors=[]), "ideal", allow_drift=True)

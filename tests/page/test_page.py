@@ -20,7 +20,7 @@ from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import load_scenario
 from mjsheaf.video.film import film_of
 from tests.commands import answer_of, call, is_refusal
-from tests.oracles.residuals import residuals_of
+from tests.oracles.law import residuals_of
 from tests.page.pages import Elements, Made, make_page, positions_of, said_in, series_in
 
 HOSTILE = "</script><script>document.title='broken'</script><!--<b>&amp;&lt;\u202egnol\u2028\u2029'\"`${1}{{ data }}"

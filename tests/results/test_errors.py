@@ -14,7 +14,7 @@ from mjsheaf.results import summarize
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.team import Team
-from tests.oracles.residuals import residual_of
+from tests.oracles.law import residual
 
 TARGET = [10.0, 5.0, 8.0]
 
@@ -120,7 +120,6 @@ def test_separations_are_those_of_all_pairs(vehicles: int) -> None:
 def test_residuals_of_edges_of_unlike_shapes_are_those_of_each_edge(name: str) -> None:
     team = load_scenario(name).team
     positions = 5.0 * np.random.default_rng(0).normal(size=(3, len(team.members), 3))
-    for k, found in enumerate(team.edge_residuals(positions)):
-        for residual, edge in zip(found, team.measuring_edges, strict=True):
-            tail, head = (positions[k, team.index[end]] for end in (edge.tail, edge.head))
-            assert residual == pytest.approx(residual_of(edge, tail, head), rel=1e-12, abs=1e-12)
+    found = team.edge_residuals(positions)
+    for column, edge in zip(found.T, team.measuring_edges, strict=True):
+        np.testing.assert_allclose(column, residual(team, edge, positions), rtol=1e-12, atol=1e-12)

@@ -13,11 +13,11 @@ import xarray as xr
 import yaml
 
 from mjsheaf import load_scenario, load_vehicle, simulate
-from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.files import confined
 from mjsheaf.runs.publish import write_scenario
 from tests.builders import DATA, ONE_BOAT, TETRAHEDRON
+from tests.commands import answer_of, is_refusal
 from tests.scenario.mutations import in_time
 
 
@@ -64,9 +64,7 @@ def edit(path: Path, old: str, new: str) -> None:
     ],
 )
 @pytest.mark.parametrize("field", ["agents.0.vehicle", "vehicles.agents", "vehicles.targets", "swarm.vehicle"])
-def test_a_vehicle_outside_is_refused(
-    vehicle: str, field: str, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_vehicle_outside_is_refused(vehicle: str, field: str, place: Path) -> None:
     (place / "link.yaml").symlink_to(place.parent / "outside" / "raft.yaml")
     (place / "linked").symlink_to(place.parent / "outside")
     name = vehicle.replace("{tmp}", str(place.parent))
@@ -76,13 +74,9 @@ def test_a_vehicle_outside_is_refused(
                  | ({"vehicles": {field.split(".")[1]: name}} if section == "vehicles" else {})
                  | ({"swarm": swarm, "agents": [], "sensing": []} if section == "swarm" else {}))  # fmt: skip
     for backend in ("ideal", "physics"):
-        with pytest.raises(SystemExit) as stopped:
-            main(["run", str(path), "--backend", backend, "--no-video", "--out", str(place / "out")])
-        told = capsys.readouterr().err
-        assert stopped.value.code == 2
-        assert told.count("\n") == 1
-        assert f"{path}: {field}: " in told
-        assert f"lies outside {place}; expected a file in that directory or below it" in told
+        answer = answer_of("run", path, "--backend", backend, "--no-video", "--out", place / "out")
+        assert is_refusal(answer, f"{path}: {field}:"), answer
+        assert f"lies outside {place}; expected a file in that directory or below it" in answer.err
     assert not (place / "out").exists()
 
 
@@ -109,22 +103,17 @@ def test_what_is_no_path_is_refused_in_few_words(name: str, tmp_path: Path) -> N
     assert len(str(refused.value)) < 500
 
 
-@pytest.mark.parametrize("suffix", [".yaml", ".xml", ".obj"])
-def test_a_pipe_is_not_waited_on(suffix: str, place: Path) -> None:
-    boats = place / "boats"
-    edit(boats / "raft.xml", "</mujoco>", '<asset><mesh name="m" file="pipe.obj"/></asset></mujoco>')
-    pipe = {".yaml": boats / "raft.yaml", ".xml": boats / "raft.xml", ".obj": boats / "pipe.obj"}[suffix]
+@pytest.mark.parametrize("name", ["raft.yaml", "raft.xml", "pipe.obj", "terms.py"])
+def test_a_pipe_is_not_waited_on(name: str, place: Path) -> None:
+    pipe = place / "boats" / name
+    edit(place / "boats" / "raft.xml", "</mujoco>", '<asset><mesh name="m" file="pipe.obj"/></asset></mujoco>')
     pipe.unlink(missing_ok=True)
     os.mkfifo(pipe)
-    with in_time(), pytest.raises(InputError, match="is no regular file") as caught:
-        load_vehicle(str(boats / "raft.yaml"))
+    field = r"controller\.custom\.steeper: file: " if name == "terms.py" else ""
+    terms = {"controller.custom.steeper": {"file": str(pipe)}}
+    with in_time(), pytest.raises(InputError, match=rf"{field}.*is no regular file") as caught:
+        load_scenario("midpoint", terms) if field else load_vehicle(str(place / "boats" / "raft.yaml"))
     assert "\n" not in str(caught.value)
-
-
-def test_a_pipe_of_terms_is_not_waited_on(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "terms.py")
-    with in_time(), pytest.raises(InputError, match=r"controller\.custom\.steeper: file: .* is no regular file"):
-        load_scenario("midpoint", {"controller.custom.steeper": {"file": str(tmp_path / "terms.py")}})
 
 
 def test_links_in_a_circle_are_refused(place: Path) -> None:
@@ -209,9 +198,7 @@ def test_a_run_takes_its_vehicles_along(place: Path, tmp_path: Path) -> None:
     }
     fields |= {"vehicles": {"targets": "raft.yaml"}, "communication": [["A1", "A2"]]}
     path = write(place, **fields)
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", str(path), "--no-video", "--out", str(place / "out")])
-    assert not stopped.value.code
+    assert answer_of("run", path, "--no-video", "--out", place / "out").code == 0
     first = simulate(load_scenario(path))
     moved = tmp_path / "moved"
     (place / "out").rename(moved)
@@ -220,28 +207,22 @@ def test_a_run_takes_its_vehicles_along(place: Path, tmp_path: Path) -> None:
     own = {"raft.yaml", "raft.xml", "parts/assets.xml", "meshes/hull.obj"}
     assert {f"raft/{name}" for name in own} <= copies
     assert {f"raft_2/{name}" for name in ("raft.yaml", "boats/raft.xml")} <= copies
-    again = load_scenario(moved / "scenario.yaml")
     assert str(place) not in (moved / "scenario.yaml").read_text()
-    xr.testing.assert_identical(first, simulate(again))
-    with pytest.raises(SystemExit) as stopped:  # a run that holds vehicles is one that may be replaced
-        main(["run", str(moved / "scenario.yaml"), "--no-video", "--out", str(tmp_path / "again")])
-    assert not stopped.value.code
+    xr.testing.assert_identical(first, simulate(load_scenario(moved / "scenario.yaml")))
+    again = ("run", moved / "scenario.yaml", "--no-video", "--out", tmp_path / "again")
+    assert answer_of(*again).code == 0
     assert (tmp_path / "again" / "vehicles" / "raft_2" / "raft.yaml").is_file()
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("what", ["added", "edited", "linked", "instead"])
-def test_what_a_person_puts_among_a_run_s_vehicles_is_not_lost(
-    place: Path, what: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_person_puts_among_a_run_s_vehicles_is_not_lost(place: Path, what: str) -> None:
     out = place / "out"
     path = write(place, agents=agent("boats/raft.yaml"))
-    command = ["run", str(path), "--backend", "ideal", "--no-video", "--out", str(out)]
+    command = ("run", path, "--backend", "ideal", "--no-video", "--out", out)
     for _ in range(2):  # as mjsheaf left it, it is replaced
-        with pytest.raises(SystemExit) as stopped:
-            main(command)
-        assert not stopped.value.code
+        assert answer_of(*command).code == 0
     mine = out / "vehicles" / "raft" / {"edited": "raft.xml"}.get(what, "mine.txt")
     if what == "linked":
         mine.symlink_to(place / "boats")
@@ -251,11 +232,9 @@ def test_what_a_person_puts_among_a_run_s_vehicles_is_not_lost(
         mine.write_text("mine")
     else:
         mine.write_text("mine")
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as stopped:
-        main(command)
-    assert stopped.value.code == 2
-    assert f"holds '{mine.relative_to(out)}', which mjsheaf did not write; move it" in capsys.readouterr().err
+    answer = answer_of(*command)
+    assert answer.code == 2
+    assert f"holds '{mine.relative_to(out)}', which mjsheaf did not write; move it" in answer.err
     assert mine.is_symlink() or mine.read_text() == "mine"
 
 
@@ -289,8 +268,6 @@ def test_nothing_in_a_file_is_executed(value: str, file: str, place: Path) -> No
     else:
         victim = path if file == "scenario" else place / "boats" / "raft.yaml"
         victim.write_text(text if text.startswith("%") else f"{victim.read_text()}\nsource: {text}\n")
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", str(path), "--no-video", "--out", str(place / "out"), *arguments])
-    assert stopped.value.code == 2
+    assert answer_of("run", path, "--no-video", "--out", place / "out", *arguments).code == 2
     assert not mark.exists()
     assert not (place / "out").exists()

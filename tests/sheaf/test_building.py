@@ -4,7 +4,7 @@ Oracle: the same edges added one at a time, and the dense definition in `strateg
 """
 
 import itertools
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,12 @@ from hypothesis import given
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import InputError, SheafError
-from tests.strategies import SheafSpec, sheaves
+from tests.strategies import EdgeSpec, SheafSpec, sheaves
 
 Build = Callable[[Sheaf], Any]
 I2, FLAT = np.eye(2), np.eye(2, 3)
 UNHASHABLE: Any = [["b"]]
+FIELDS = ("tail", "head", "F_tail", "F_head", "b", "K")
 
 
 def pair() -> Sheaf:
@@ -27,49 +28,38 @@ def pair() -> Sheaf:
     return sheaf
 
 
+def columns(edges: Iterable[EdgeSpec]) -> tuple[tuple[Any, ...], dict[str, Any]]:
+    """Arguments that add edges in bulk."""
+    tails, heads, F_tails, F_heads, b, K = ([getattr(e, name) for e in edges] for name in FIELDS)
+    return (tails, heads, F_tails, F_heads), {"offset": b, "weight": K}
+
+
 @given(sheaves())
 def test_edges_in_bulk_are_edges_one_at_a_time(spec: SheafSpec) -> None:
-    """Runs of edges whose maps have equal shapes are added together; bits, numbers and order are the same."""
-    bulk, added = Sheaf(spec.stalks), 0
-    for _, alike in itertools.groupby(spec.edges, key=lambda e: (e.F_tail.shape, e.F_head.shape)):
-        run = list(alike)
-        numbers = bulk.add_edges(
-            [e.tail for e in run],
-            [e.head for e in run],
-            [e.F_tail for e in run],
-            [e.F_head for e in run],
-            offset=[e.b for e in run],
-            weight=[e.K for e in run],
-        )
-        assert list(numbers) == list(range(added, added + len(run)))
-        added += len(run)
-    single = spec.build()
-    assert bulk.number_of_edges == single.number_of_edges == len(spec.edges)
-    np.testing.assert_array_equal(bulk.coboundary().toarray(), spec.delta)
-    np.testing.assert_array_equal(bulk.laplacian().toarray(), single.laplacian().toarray())
-    np.testing.assert_array_equal(bulk.offset(), single.offset())
-    np.testing.assert_array_equal(bulk.whitened_offset(), single.whitened_offset())
+    """Those whose maps have equal shapes, or stalks of all dimensions at once: bits, numbers and order are the same.
 
-
-@given(sheaves())
-def test_mixed_edges_are_edges_one_at_a_time(spec: SheafSpec) -> None:
-    """Stalks of all dimensions at once: rows and numbers stay in the order of the edges."""
-    bulk = Sheaf(spec.stalks)
-    first, rest = spec.edges[:1], spec.edges[1:]
-    for edges in (first, rest):
-        before = bulk.number_of_edges
-        numbers = bulk.add_mixed_edges(
-            [e.tail for e in edges],
-            [e.head for e in edges],
-            [e.F_tail for e in edges],
-            [e.F_head for e in edges],
-            offset=[e.b for e in edges],
-            weight=[e.K for e in edges],
-        )
-        assert numbers == range(before, before + len(edges))
-    np.testing.assert_array_equal(bulk.coboundary().toarray(), spec.delta)
-    np.testing.assert_array_equal(bulk.offset(), spec.b)
-    np.testing.assert_allclose(bulk.laplacian().toarray(), spec.delta.T @ spec.K @ spec.delta, atol=1e-11)
+    Each is the definition, whatever the order of vertices and edges and the direction of edges.
+    """
+    alike, mixed, single = Sheaf(spec.stalks), Sheaf(spec.stalks), spec.build()
+    runs = [tuple(run) for _, run in itertools.groupby(spec.edges, key=lambda e: (e.F_tail.shape, e.F_head.shape))]
+    adding: list[tuple[Callable[..., Any], Any]] = [
+        (alike.add_edges, runs),
+        (mixed.add_mixed_edges, [spec.edges[:1], spec.edges[1:]]),
+    ]
+    for add, parts in adding:
+        added = 0
+        for edges in parts:
+            arguments, options = columns(edges)
+            assert list(add(*arguments, **options)) == list(range(added, added + len(edges)))
+            added += len(edges)
+    for bulk in (alike, mixed, single):
+        assert bulk.shape == bulk.coboundary().shape == (spec.m, spec.n)
+        assert bulk.number_of_edges == len(spec.edges)
+        np.testing.assert_array_equal(bulk.coboundary().toarray(), spec.delta)
+        np.testing.assert_array_equal(bulk.offset(), spec.b)
+        np.testing.assert_allclose(bulk.laplacian().toarray(), spec.delta.T @ spec.K @ spec.delta, atol=1e-11)
+    np.testing.assert_array_equal(alike.laplacian().toarray(), single.laplacian().toarray())
+    np.testing.assert_array_equal(alike.whitened_offset(), single.whitened_offset())
 
 
 def test_edges_added_later_join() -> None:

@@ -1,7 +1,6 @@
 """Nonlinear sheaves: rigidity of known frameworks, random ones against exact ranks, and their harmonic extensions."""
 
 import itertools
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from mjsheaf import NonlinearSheaf, Sheaf
 from mjsheaf.errors import SheafError
+from tests.strategies import exact_rank
 
 HALF = 3**0.5 / 2
 TRIANGLE = [(0, 0), (1, 0), (0.5, HALF)]
@@ -67,39 +67,17 @@ def test_ranks_and_rates_of_known_frameworks(
         assert positive[0] == pytest.approx(rate, abs=1e-6)
 
 
-def exact_rank(rows: list[list[int]]) -> int:
-    """Return the rank of a matrix of whole numbers, by elimination over the rationals."""
-    matrix = [[Fraction(x) for x in row] for row in rows]
-    rank = 0
-    for column in range(len(matrix[0])):
-        pivot = next((r for r in range(rank, len(matrix)) if matrix[r][column]), None)
-        if pivot is None:
-            continue
-        matrix[rank], matrix[pivot] = matrix[pivot], matrix[rank]
-        for r in range(rank + 1, len(matrix)):
-            factor = matrix[r][column] / matrix[rank][column]
-            matrix[r] = [a - factor * b for a, b in zip(matrix[r], matrix[rank], strict=True)]
-        rank += 1
-    return rank
-
-
-def exact_matrix(points: Any, edges: Any, measures: str) -> list[list[int]]:
-    """Return rows whose rank is that of the rigidity matrix, for points of whole coordinates."""
+def exact_matrix(points: Any, edges: Any, measures: str) -> NDArray[np.float64]:
+    """Return rows of whole numbers whose rank is that of the rigidity matrix, for points of whole coordinates."""
     n, d = points.shape
     rows = []
     for i, j in edges:
-        z = [int(b) - int(a) for a, b in zip(points[i], points[j], strict=True)]
-        square = sum(c * c for c in z)
-        if measures == "range":
-            blocks = [z]
-        else:  # |z|^2 P
-            blocks = [[square * (a == b) - z[a] * z[b] for b in range(d)] for a in range(d)]
-        for block in blocks:
-            row = [0] * (n * d)
-            row[i * d : i * d + d] = [-c for c in block]
-            row[j * d : j * d + d] = block
-            rows.append(row)
-    return rows
+        z = points[j] - points[i]
+        block = z[None] if measures == "range" else z @ z * np.eye(d) - np.outer(z, z)  # |z|^2 P
+        row = np.zeros((len(block), n, d))
+        row[:, i], row[:, j] = -block, block
+        rows.append(row.reshape(len(block), n * d))
+    return np.concatenate(rows)
 
 
 @pytest.mark.long

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import ortho_group
 
 from mjsheaf import Sheaf
-from mjsheaf.sheaf.sections import certified_sections, grow, propagate
+from mjsheaf.sheaf.sections import certified_sections, grow
 from tests.builders import bundle_on_a_grid
 from tests.strategies import SheafSpec, sheaves
 
@@ -79,26 +78,6 @@ def test_a_twisted_edge_leaves_the_axis_of_its_twist(k: int) -> None:
     sections = sheaf.global_sections()
     assert sections.shape[1] == expected
     np.testing.assert_allclose(sheaf.coboundary() @ sections, 0.0, atol=1e-11)
-
-
-def test_values_at_the_roots_propagate() -> None:
-    """delta is zero on P along the edges of the forest; on a tree, along all edges."""
-    rng = np.random.default_rng(0)
-    tree = Sheaf(dict.fromkeys(range(40), 3))
-    for v in range(1, 40):
-        tree.add_edge(v, int(rng.integers(v)), rng.standard_normal((4, 3)), rng.standard_normal((4, 3)) * 0.1)
-    isometric = Sheaf(dict.fromkeys(range(40), 2))
-    for v in range(1, 40):
-        isometric.add_edge(v, int(rng.integers(v)), *ortho_group.rvs(2, size=2, random_state=rng))
-    everything = np.ones(40, dtype=bool)
-    forest = grow(isometric.edges, everything)
-    slot = np.zeros(40, dtype=np.int64)
-    P = propagate(isometric.edges, everything, forest, slot, 2)
-    np.testing.assert_allclose(isometric.coboundary() @ P, 0.0, atol=1e-14)
-    np.testing.assert_allclose(
-        P.reshape(40, 2, 2).transpose(0, 2, 1) @ P.reshape(40, 2, 2), np.broadcast_to(np.eye(2), (40, 2, 2)), atol=1e-13
-    )
-    assert tree.betti()[0] == 3 * 40 - np.linalg.matrix_rank(tree.coboundary().toarray(), rtol=1e-9)
 
 
 def test_maps_that_grow_along_a_path_are_not_trusted_to_a_forest() -> None:

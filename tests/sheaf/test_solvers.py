@@ -50,20 +50,6 @@ def test_compiled_conjugate_gradients_are_the_textbook_ones(relaxation: float) -
     np.testing.assert_allclose(found, linalg.solve(A, b, assume_a="pos"), rtol=1e-9)
 
 
-def test_the_size_decides_who_solves() -> None:
-    """A long path has a narrow band, a large grid has not; a small one is solved directly whatever its band."""
-
-    def kind(sheaf: Sheaf) -> type:
-        return type(sheaf.dirichlet_problem([0]).solver)
-
-    path = Sheaf(dict.fromkeys(range(20_000), 2))
-    maps = np.broadcast_to(np.eye(2), (19_999, 2, 2))
-    path.add_edges(range(19_999), range(1, 20_000), maps, maps)
-    assert kind(path) is solvers.BandCholesky
-    assert kind(bundle_on_a_grid(10)[0]) is solvers.BandCholesky
-    assert kind(bundle_on_a_grid(80)[0]) is solvers.ConjugateGradients
-
-
 def test_a_path_of_twenty_thousand_is_a_straight_line() -> None:
     """Condition 1e8, far from what conjugate gradients could do."""
     n = 20_000

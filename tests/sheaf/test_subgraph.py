@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from mjsheaf import Sheaf
 from mjsheaf.errors import SheafError
+from tests.builders import bundle_on_a_grid
 from tests.strategies import SheafSpec, exact_rank, sheaves
 
 Array = NDArray[np.float64]
@@ -22,14 +24,6 @@ def same_space(one: Array, other: Array) -> None:
     """Two orthonormal bases span one space."""
     assert one.shape == other.shape
     np.testing.assert_allclose(one @ one.T, other @ other.T, atol=1e-10)
-
-
-def null_space(matrix: Array) -> Array:
-    """Orthonormal basis of the kernel of a matrix of small whole numbers."""
-    if not matrix.size:
-        return np.eye(matrix.shape[1])
-    _, s, V = np.linalg.svd(matrix, full_matrices=True)
-    return V[int(np.sum(s > 1e-9 * s.max())) :].T
 
 
 @given(sheaves(), st.data())
@@ -45,19 +39,10 @@ def test_local_sections_agree_along_the_edges_of_the_subgraph(spec: SheafSpec, d
     sheaf = spec.build()
     sections = sheaf.local_sections(chosen, edges)
     np.testing.assert_allclose(sections.T @ sections, np.eye(sections.shape[1]), atol=1e-12)
-    same_space(sections, null_space(part.delta))
+    same_space(sections, null_space(part.delta, rcond=1e-9) if part.delta.size else np.eye(part.n))
     # What is a section on the whole is one here: the restriction of sections.
     whole = sheaf.global_sections()[spec.columns(chosen)]
     np.testing.assert_allclose(sections @ (sections.T @ whole), whole, atol=1e-10)
-
-
-@given(sheaves())
-def test_over_the_whole_graph_local_sections_are_global(spec: SheafSpec) -> None:
-    sheaf = spec.build()
-    same_space(sheaf.local_sections(sheaf.vertices), sheaf.global_sections())
-    every = range(sheaf.number_of_edges)
-    same_space(sheaf.local_sections(sheaf.vertices, every), sheaf.global_sections())
-    assert sheaf.local_sections(sheaf.vertices, []).shape == (spec.n, spec.n)
 
 
 def test_edges_go_by_the_numbers_that_adding_them_gave() -> None:
@@ -146,17 +131,9 @@ def test_h1_of_large_sheaves() -> None:
     np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
     np.testing.assert_allclose(cycle.coboundary().T @ basis, 0.0, atol=1e-10)
 
-    side = 60
-    number = np.arange(side * side).reshape(side, side)
-    grid = Sheaf(dict.fromkeys(range(side * side), 1))
-    tails = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
-    heads = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
-    ones = np.ones((len(tails), 1, 1))
-    grid.add_edges(tails.tolist(), heads.tolist(), ones, ones)
-    with pytest.raises(SheafError, match=r"3481 .* 7080"):
+    grid, _ = bundle_on_a_grid(60, k=2)
+    with pytest.raises(SheafError, match=r"6962 .* 14160"):
         grid.cohomology_basis()
-    tree = Sheaf(dict.fromkeys(range(side * side), 1))
-    tree.add_edges(
-        list(range(side * side - 1)), list(range(1, side * side)), ones[: side * side - 1], ones[: side**2 - 1]
-    )
-    assert tree.cohomology_basis().shape == (side * side - 1, 0)
+    tree, ones = Sheaf(dict.fromkeys(range(3600), 1)), np.ones((3599, 1, 1))
+    tree.add_edges(list(range(3599)), list(range(1, 3600)), ones, ones)
+    assert tree.cohomology_basis().shape == (3599, 0)

@@ -55,12 +55,6 @@ def test_polygons_are_regular(count: int, side: float, angle: float, clockwise: 
         assert turning < 0 if clockwise else turning > 0
 
 
-def test_triangle_has_the_papers_radius() -> None:
-    """R = l / sqrt(3)."""
-    corners = polygon(3, side=6.0)
-    np.testing.assert_allclose(np.linalg.norm(corners, axis=1), 6.0 / np.sqrt(3.0), rtol=1e-14)
-
-
 @given(sizes)
 def test_tetrahedron_is_the_papers_about_its_centroid(d: float) -> None:
     s3, s6 = np.sqrt(3.0), np.sqrt(6.0)

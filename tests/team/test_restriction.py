@@ -63,17 +63,3 @@ def test_maps_that_do_not_exist_are_refused() -> None:
         restriction_maps("global", 2, 2)
     with pytest.raises(InputError, match=r"'identity'.* 2 .* 3.*'shared'"):
         restriction_maps("identity", 2, 3)
-
-
-@given(attitudes, st.integers(0, 2**31), st.sampled_from([(2, 2), (2, 3), (3, 2), (3, 3)]))
-def test_a_local_frame_keeps_the_distance_and_turns_back(
-    attitude: tuple[float, float, float], seed: int, dimensions: tuple[int, int]
-) -> None:
-    """A measurement in a frame has the length of the difference of the projections, and R^T recovers it."""
-    rng = np.random.default_rng(seed)
-    x_tail, x_head = rng.standard_normal(dimensions[0]), rng.standard_normal(dimensions[1])
-    m = min(dimensions)
-    F_tail, F_head = restriction_maps("local_frame", *dimensions, attitude)
-    y = F_head @ x_head - F_tail @ x_tail
-    np.testing.assert_allclose(np.linalg.norm(y), np.linalg.norm(x_head[:m] - x_tail[:m]), rtol=1e-12)
-    np.testing.assert_allclose(rotation_to_local(*attitude, m).T @ y, x_head[:m] - x_tail[:m], atol=1e-12)
