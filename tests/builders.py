@@ -41,6 +41,8 @@ Pair = tuple[str, str]
 Simulated = Callable[..., xr.Dataset]
 Edit = Callable[[ElementTree.Element], None]
 T = TypeVar("T")
+Part = tuple[str, str]
+"""Path of an element of an MJCF, '' for its root, and the text of an element that is added to it."""
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = REPOSITORY / "tests" / "data"
@@ -113,6 +115,18 @@ def team_of(agents: dict[str, Any], targets: dict[str, Any], pairs: str = "", **
     }
 
 
+def pursuit(position: Sequence[float], goal: Sequence[float], /, agent: Any = (), **fields: Any) -> Scenario:
+    """An agent A at a position that senses a target T at another; `agent` has more fields of it."""
+    return make_scenario(
+        {
+            "agents": [{"id": "A", "position": list(position), **dict(agent)}],
+            "targets": [{"id": "T", "position": list(goal)}],
+            "sensing": [["A", "T"]],
+            **fields,
+        }
+    )
+
+
 def mixed_scenario(**fields: Any) -> Scenario:
     """A boat and two aircraft that track a diver and a boat, in a flow, with a formation; fields replace fields."""
     return make_scenario(
@@ -144,7 +158,7 @@ def mixed_scenario(**fields: Any) -> Scenario:
 
 def two_boats(agents: str, targets: str, /, **fields: Any) -> Scenario:
     """Two boats in a line behind a third that moves; fields replace fields."""
-    team = [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}]
+    team: list[dict[str, Any]] = [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}]
     return _two_behind(team, [0, 0], {"agents": agents, "targets": targets}, 0.005, fields)
 
 
@@ -188,6 +202,19 @@ def chase(end: float = 3.0, /, **fields: Any) -> Scenario:
             **fields,
         }
     )
+
+
+def continued(scenario: Scenario, run: xr.Dataset, sample: int, **fields: Any) -> Scenario:
+    """The scenario without events that begins where a run of it is at a sample; fields replace fields."""
+    raw = scenario.model_dump(mode="json", exclude_none=True) | {"events": []} | fields
+    raw["time"] = {**raw["time"], "start": round(float(run["time"][sample]), 9)}
+    for kind in ("agent", "target"):
+        places = run[f"{kind}_position"].isel(time=sample)
+        raw[f"{kind}s"] = [
+            {**one, "position": places.sel({kind: one["id"]}).values[: len(one["position"])].tolist()}
+            for one in raw[f"{kind}s"]
+        ]
+    return scenario_from_mapping(raw)
 
 
 ONE_BOAT = team_of({"A1": [0, 0]}, {"T1": [5, 5]}, "A1 T1", time={"end": 0.2}, controller={"control_period": 0.05})
@@ -328,6 +355,23 @@ def xml_of(name: str) -> ElementTree.Element:
     return ElementTree.parse(list_vehicles()[name].with_suffix(".xml")).getroot()
 
 
+def adding(*parts: Part, **compiler: str) -> Edit:
+    """An edit that adds elements to others, and sets attributes of <compiler>."""
+
+    def edit(root: ElementTree.Element) -> None:
+        if compiler:
+            find(root, "compiler").attrib.update(compiler)
+        for path, text in parts:
+            (find(root, path) if path else root).append(ElementTree.fromstring(text))
+
+    return edit
+
+
+def setting(path: str, **attributes: str) -> Edit:
+    """An edit that sets attributes of the first element at a path."""
+    return lambda root: find(root, path).attrib.update(attributes)
+
+
 def altered(folder: Path, name: str, edit: Edit | None = None, **description: Any) -> str:
     """Write a copy of a vehicle with its MJCF edited and fields of its description replaced; give its path."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -425,10 +469,10 @@ def ask(world: World, velocity: Any) -> None:
     world.close_loop(sample=True)
 
 
-def body(world: World) -> tuple[Vehicle, slice, slice, slice]:
-    """Vehicle 0, and where it is in qpos, in qvel and among the actuators."""
-    a, d, first = world.arena.qpos[0], world.arena.dof[0], world.arena.thruster
-    return world.arena.vehicles[0], slice(a, a + 7), slice(d, d + 6), slice(first[0], first[1])
+def body(world: World, v: int = 0) -> tuple[Vehicle, slice, slice, slice]:
+    """Vehicle v, and where it is in qpos, in qvel and among the actuators."""
+    a, d, first = world.arena.qpos[v], world.arena.dof[v], world.arena.thruster
+    return world.arena.vehicles[v], slice(a, a + 7), slice(d, d + 6), slice(first[v], first[v + 1])
 
 
 def largest_tilt(vehicle: Vehicle) -> float:
@@ -436,9 +480,9 @@ def largest_tilt(vehicle: Vehicle) -> float:
     return float(getattr(vehicle.steering, "largest_tilt", 0.0))
 
 
-def attitude(world: World) -> Array:
-    """Attitude of vehicle 0, body to world, shape (3, 3)."""
-    return Rotation.from_quat(world.quaternions()[0], scalar_first=True).as_matrix()
+def attitude(world: World, v: int = 0) -> Array:
+    """Attitude of vehicle v, body to world, shape (3, 3)."""
+    return Rotation.from_quat(world.quaternions()[v], scalar_first=True).as_matrix()
 
 
 def yaw_of(world: World) -> float:
@@ -618,6 +662,12 @@ def change_film(film: Film, **changes: Any) -> Film:
         changes["stages"] = [Stage(0.0, changes.pop("edges"))]
     of_samples = {field.name: changes.pop(field.name) for field in fields(Poses) if field.name in changes}
     return replace(film, run=replace(samples_of(film), **of_samples), **changes)
+
+
+def bits(result: object) -> dict[str, bytes]:
+    """The bytes of each variable of a dataset."""
+    assert isinstance(result, xr.Dataset)
+    return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
 
 
 def dump_scenario(scenario: Scenario) -> str:

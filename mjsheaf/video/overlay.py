@@ -78,7 +78,7 @@ class Overlay:
         canvas.draw()
         self._bare = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         curve.set_visible(True)
-        curve.axes.draw_artist(curve)
+        figure.draw_artist(curve)
         self._whole = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
         # The names of more agents would cover the picture.
         labelled = range(film.vehicles) if film.agents <= 24 else range(film.agents, film.vehicles)

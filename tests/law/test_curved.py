@@ -374,7 +374,11 @@ def test_q_star_continues_and_is_exact() -> None:
     """An agent that ranges two moving targets has its q* at both distances, on one side, at all times."""
     motion = {"kind": "lissajous", "amplitude": [2, 1], "rate": [0.7, 0.5], "phase": [0, 1]}
     seen = [{"between": ["A", t], "measures": "range", "offset": [1.5]} for t in "TU"]
-    fields = {"time": {"end": 6.0}, "controller": {"gain": 3.0, "control_period": 0.02}, "target_motion": motion}
+    fields: dict[str, Any] = {
+        "time": {"end": 6.0},
+        "controller": {"gain": 3.0, "control_period": 0.02},
+        "target_motion": motion,
+    }
     scenario = make_scenario(team_of({"A": [1, -2]}, {"T": [0, 0], "U": [2, 0]}, sensing=seen, **fields))
     run = mjsheaf.simulate(scenario, backend="ideal")
     q, p = run.harmonic_extension.values[:, 0, :2], run.target_position.values[..., :2]

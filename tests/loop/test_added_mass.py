@@ -5,7 +5,6 @@ Oracles: Kirchhoff's energy and impulses of a body in an ideal fluid; Fossen's e
 """
 
 from pathlib import Path
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -16,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import REAL, alone, altered, attitude, body, find, place, step_unpowered
+from tests.builders import REAL, alone, altered, attitude, body, place, setting, step_unpowered
+from tests.oracles.rigid_body import rigid_mass, skew
 
 Array = NDArray[np.float64]
 
@@ -25,16 +25,6 @@ W = np.array([0.5, -0.3, 0.2])  # m/s, of the medium
 FRICTIONLESS = {"linear": [1e-9] * 3, "angular": [1e-9] * 3}
 BALANCED = {"heave": 1e-9, "roll": 1e-9, "pitch": 1e-9}  # weight and buoyancy meet at the centre of mass
 BODIES = ("wamv", "otter", "submersible")
-
-
-def skew(a: Array) -> Array:
-    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-
-
-def rigid_mass(vehicle: Vehicle) -> Array:
-    """M_RB about the origin, from mass, centre of mass and inertia."""
-    mS = vehicle.mass * skew(vehicle.centre_of_mass)
-    return np.block([[vehicle.mass * np.eye(3), -mS], [mS, vehicle.inertia]])
 
 
 def relative_velocity(world: World, w: Array) -> Array:
@@ -50,10 +40,7 @@ def frictionless(folder: Path, name: str) -> str:
     """A copy of a vehicle on which nothing acts, with its own added mass; the submersible is given some."""
     if name != "submersible":
         return altered(folder, name, drag=FRICTIONLESS, hydrostatics=BALANCED)
-
-    def eccentric(root: ElementTree.Element) -> None:
-        find(root, ".//inertial").set("pos", ".2 -.1 .3")
-
+    eccentric = setting(".//inertial", pos=".2 -.1 .3")
     return altered(folder, name, eccentric, drag=FRICTIONLESS, added_mass=[30, 400, 500, 20, 60, 40])
 
 
@@ -88,18 +75,6 @@ def test_energy_and_impulses_are_conserved_to_the_order_of_the_integrator(
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
     assert np.max(errors[-1]) < 3e-3
     np.testing.assert_allclose(ratios, 2.0, atol=0.1)
-
-
-def test_added_mass_is_felt(tmp_path: Path) -> None:
-    """A body moving steadily in still water, oblique to its axes, is turned by it (Munk), as a rigid body is not."""
-    world = alone(frictionless(tmp_path, "wamv"))
-    place(world, np.eye(3), [1.0, 0.2, 0.0])
-    vehicle, _, dof, _ = body(world)
-    step_unpowered(world, 1)
-    # The moment on the hull is -(m22 - m11) u v; the rest of the whole mass matrix couples sway to it.
-    M = rigid_mass(vehicle) + np.diag(vehicle.added_mass)
-    munk = np.array([0, 0, 0, 0, 0, -(146 - 12) * 1.0 * 0.2])
-    np.testing.assert_allclose(world.data.qacc[dof], np.linalg.solve(M, munk), atol=1e-9)
 
 
 # -- (M_RB + M_A) a = F ------------------------------------------------------------------------------------------------
@@ -151,27 +126,6 @@ def test_accelerations_solve_the_equations_of_motion(name: str, seed: int) -> No
     found = np.concatenate([R.T @ qacc[:3] - np.cross(nu[3:], nu[:3]), qacc[3:]])
     expected = acceleration(vehicle, R, world.data.qpos[qpos][2], nu, thrust)
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("name", REAL)
-def test_thrusters_move_body_and_medium_together(name: str) -> None:
-    """Each thruster contributes (M_RB + M_A)^-1 times its wrench to the acceleration, because gears are scaled."""
-    world = alone(name)
-    vehicle, _, dof, thrusters = body(world)
-    R = Rotation.from_rotvec([0.3, -0.5, 1.1]).as_matrix()
-    place(world, R)
-    M = rigid_mass(vehicle) + np.diag(vehicle.added_mass)
-
-    def pushed(act: Array) -> Array:
-        world.data.act[thrusters] = act
-        mujoco.mj_forward(world.model, world.data)
-        qacc = world.data.qacc[dof]
-        return np.concatenate([R.T @ qacc[:3], qacc[3:]])
-
-    middle = vehicle.limits.mean(axis=1)
-    for k, unit in enumerate(np.eye(len(middle))):
-        expected = np.linalg.solve(M, vehicle.W[:, k])
-        np.testing.assert_allclose(pushed(middle + unit) - pushed(middle), expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.slow

@@ -3,10 +3,8 @@
 Oracle: the file compiled alone by MuJoCo.
 """
 
-import inspect
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -14,26 +12,30 @@ import numpy as np
 import pytest
 
 from mjsheaf.errors import InputError
-from mjsheaf.files import resource_directory
-from mjsheaf.vehicles import arena as arena_module
 from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import GRAVITY
-from tests.builders import TETRAHEDRON, Edit, alone, altered, ask, find
+from tests.builders import TETRAHEDRON, Edit, Part, adding, alone, altered, ask, find
+
+IN_DEGREES: list[Part] = [  # every way to write an orientation that depends on the unit
+    ("default", '<default class="slanted"><geom euler="0 30 0" type="box" size=".5 .3 .1"/></default>'),
+    (
+        ".//body",
+        """<body name="inner" pos=".3 .2 .1" axisangle="1 2 0 40">
+          <geom name="box" type="box" size=".3 .2 .1" euler="10 20 30" mass="7"/>
+          <site name="mark" axisangle="0 1 1 70"/>
+          <camera name="eye" euler="0 45 0"/>
+          <geom class="slanted" name="slanted" mass="3"/>
+        </body>""",
+    ),
+]
 
 
 def turned_in_degrees(root: ElementTree.Element) -> None:
-    """Degrees, which MJCF has where nothing is said; every way to write an orientation that depends on it."""
+    """Degrees, which MJCF has where nothing is said."""
     root.remove(find(root, "compiler"))
-    body = find(root, ".//body")
-    body.set("euler", "0 0 90")
-    inner = ElementTree.SubElement(body, "body", name="inner", pos=".3 .2 .1", axisangle="1 2 0 40")
-    ElementTree.SubElement(inner, "geom", name="box", type="box", size=".3 .2 .1", euler="10 20 30", mass="7")
-    ElementTree.SubElement(inner, "site", name="mark", axisangle="0 1 1 70")
-    ElementTree.SubElement(inner, "camera", name="eye", euler="0 45 0")
-    slanted = ElementTree.SubElement(find(root, "default"), "default", {"class": "slanted"})
-    ElementTree.SubElement(slanted, "geom", euler="0 30 0", type="box", size=".5 .3 .1")
-    ElementTree.SubElement(inner, "geom", {"class": "slanted", "name": "slanted", "mass": "3"})
+    find(root, ".//body").set("euler", "0 0 90")
+    adding(*IN_DEGREES)(root)
 
 
 def in_another_order(root: ElementTree.Element) -> None:
@@ -42,54 +44,11 @@ def in_another_order(root: ElementTree.Element) -> None:
     find(root, ".//body").set("euler", "90 0 0")
 
 
-def with_settings_of_its_own(root: ElementTree.Element) -> None:
-    find(root, "compiler").set("angle", "degree")
-    ElementTree.SubElement(root, "option", gravity="0 0 -1", timestep="0.5")
-    ElementTree.SubElement(root, "statistic", extent="3")
-    ElementTree.SubElement(root, "size", memory="10M")
-    visual = ElementTree.SubElement(root, "visual")
-    ElementTree.SubElement(visual, "map", zfar="7")
-
-
 def with_mass_from_geoms(root: ElementTree.Element) -> None:
     """No <inertial>, and compiler settings that decide about mass."""
-    find(root, "compiler").attrib.update(inertiafromgeom="true", boundmass="0.5", inertiagrouprange="3 3")
     find(root, "default/default[@class='collision']/geom").set("mass", "321.12345678901")
-    body = find(root, ".//body")
-    massless = ElementTree.SubElement(body, "body", name="massless")
-    ElementTree.SubElement(massless, "geom", size=".1", group="2", density="5000")
-
-
-def with_key_and_sensors(root: ElementTree.Element) -> None:
-    ElementTree.SubElement(ElementTree.SubElement(root, "keyframe"), "key", name="on", ctrl="1 1 1 1")
-    sensor = ElementTree.SubElement(root, "sensor")
-    ElementTree.SubElement(sensor, "actuatorfrc", actuator="thruster_bow_port")
-    ElementTree.SubElement(sensor, "gyro", name="gyro", site="thruster_bow_port")
-
-
-def with_a_mesh(root: ElementTree.Element) -> None:
-    find(root, "compiler").attrib.update(meshdir="meshes", angle="degree")
-    ElementTree.SubElement(find(root, "asset"), "mesh", name="tetrahedron", file="tetrahedron.obj")
-    ElementTree.SubElement(
-        find(root, ".//body"),
-        "geom",
-        name="sail",
-        type="mesh",
-        mesh="tetrahedron",
-        euler="0 0 30",
-        pos="0 0 2",
-        mass="0",
-    )
-
-
-def with_a_second_body(root: ElementTree.Element) -> None:
-    """Next to the first geom, with a material of the file."""
-    second = ElementTree.SubElement(find(root, "worldbody"), "body", name="second", pos="1 0 .5")
-    ElementTree.SubElement(second, "geom", name="ball", size=".1", mass="3", material="livery")
-
-
-def with_world_geom(root: ElementTree.Element) -> None:
-    ElementTree.SubElement(find(root, "worldbody"), "geom", name="halo", size="1", mass="0")
+    massless = '<body name="massless"><geom size=".1" group="2" density="5000"/></body>'
+    adding((".//body", massless), inertiafromgeom="true", boundmass="0.5", inertiagrouprange="3 3")(root)
 
 
 def in_a_frame(root: ElementTree.Element) -> None:
@@ -97,11 +56,6 @@ def in_a_frame(root: ElementTree.Element) -> None:
     body = find(world, "body")
     world.remove(body)
     ElementTree.SubElement(world, "frame", euler="0 0 1").append(body)
-
-
-def with_a_slash(root: ElementTree.Element) -> None:
-    """As attached parts have it."""
-    find(root, ".//body").set("name", "A/B")
 
 
 def with_full_inertia(root: ElementTree.Element) -> None:
@@ -112,36 +66,61 @@ def with_full_inertia(root: ElementTree.Element) -> None:
     inertial.set("fullinertia", "300 900 1000 50 -20 10")
 
 
-def in_replicas(root: ElementTree.Element) -> None:
-    """Two bodies from one, made by the file; meshes by a path that is stripped, defaults within defaults."""
-    find(root, "compiler").set("strippath", "true")
-    outer = ElementTree.SubElement(find(root, "default"), "default", {"class": "outer"})
-    ElementTree.SubElement(outer, "geom", density="300", size=".2")
-    inner = ElementTree.SubElement(outer, "default", {"class": "inner"})
-    ElementTree.SubElement(inner, "geom", pos="0 0 .1")
-    replicate = ElementTree.SubElement(find(root, "worldbody"), "replicate", count="2", offset="1 0 0", euler="0 0 20")
-    pod = ElementTree.SubElement(replicate, "body", name="pod", pos=".5 0 0", childclass="inner")
-    ElementTree.SubElement(pod, "geom")
+HALO = ("worldbody", '<geom name="halo" size="1" mass="0"/>')
+EDITS: dict[str, Edit | None] = {
+    "as it is": None,
+    "in degrees": turned_in_degrees,
+    "in another order": in_another_order,
+    "settings of its own": adding(
+        ("", '<option gravity="0 0 -1" timestep="0.5"/>'),
+        ("", '<statistic extent="3"/>'),
+        ("", '<size memory="10M"/>'),
+        ("", '<visual><map zfar="7"/></visual>'),
+        angle="degree",
+    ),
+    "mass from geoms": with_mass_from_geoms,
+    "key and sensors": adding(
+        ("", '<keyframe><key name="on" ctrl="1 1 1 1"/></keyframe>'),
+        (
+            "",
+            '<sensor><actuatorfrc actuator="thruster_bow_port"/><gyro name="gyro" site="thruster_bow_port"/></sensor>',
+        ),
+    ),
+    "a mesh": adding(
+        ("asset", '<mesh name="tetrahedron" file="tetrahedron.obj"/>'),
+        (".//body", '<geom name="sail" type="mesh" mesh="tetrahedron" euler="0 0 30" pos="0 0 2" mass="0"/>'),
+        meshdir="meshes",
+        angle="degree",
+    ),
+    "world geom": adding(HALO),
+    "second body": adding(  # next to the first geom, with a material of the file
+        (
+            "worldbody",
+            '<body name="second" pos="1 0 .5"><geom name="ball" size=".1" mass="3" material="livery"/></body>',
+        )
+    ),
+    "in a frame": in_a_frame,
+    "a slash": lambda root: find(root, ".//body").set("name", "A/B"),  # as attached parts have it
+    "full inertia": with_full_inertia,
+    "replicas": adding(  # two bodies from one; meshes by a path that is stripped, defaults within defaults
+        (
+            "default",
+            """<default class="outer"><geom density="300" size=".2"/>
+              <default class="inner"><geom pos="0 0 .1"/></default>
+            </default>""",
+        ),
+        (
+            "worldbody",
+            """<replicate count="2" offset="1 0 0" euler="0 0 20">
+              <body name="pod" pos=".5 0 0" childclass="inner"><geom/></body>
+            </replicate>""",
+        ),
+        strippath="true",
+    ),
+}
 
 
-@pytest.mark.parametrize(
-    "edit",
-    [
-        None,
-        turned_in_degrees,
-        in_another_order,
-        with_settings_of_its_own,
-        with_mass_from_geoms,
-        with_key_and_sensors,
-        with_a_mesh,
-        with_world_geom,
-        with_a_second_body,
-        in_a_frame,
-        with_a_slash,
-        with_full_inertia,
-        in_replicas,
-    ],
-)
+@pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
 def test_a_file_means_the_same_in_the_arena(edit: Edit | None, tmp_path: Path) -> None:
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "tetrahedron.obj").write_text(TETRAHEDRON)
@@ -184,7 +163,7 @@ def test_a_file_means_the_same_in_the_arena(edit: Edit | None, tmp_path: Path) -
 def test_a_body_on_the_joint_moves_as_one_that_is_held(name: str, tmp_path: Path) -> None:
     """Other elements next to the single body of a file do not change the motion, although an extra body holds both."""
     runs = []
-    for vehicle in (name, altered(tmp_path, name, with_world_geom)):
+    for vehicle in (name, altered(tmp_path, name, adding(HALO))):
         world = alone(vehicle, heading=40, drift=[1.0, -2.0, 0.5])
         ask(world, [2.0, 1.0, -0.5])
         world.step(1500)
@@ -194,11 +173,6 @@ def test_a_body_on_the_joint_moves_as_one_that_is_held(name: str, tmp_path: Path
     np.testing.assert_allclose(one.data.qpos[:7], held.data.qpos[:7], rtol=0, atol=1e-10)
     np.testing.assert_allclose(one.data.qvel[:6], held.data.qvel[:6], rtol=0, atol=1e-9)
     assert np.linalg.norm(one.data.qpos[:3]) > 1.0
-
-
-def test_gravity_stands_in_one_place() -> None:
-    assert "gravity" not in (resource_directory("models") / "arena.xml").read_text()
-    assert "9.8" not in inspect.getsource(arena_module)
 
 
 def test_a_difference_from_the_file_alone_is_noticed() -> None:
@@ -228,20 +202,15 @@ def test_thrusters_without_a_name_get_one(tmp_path: Path) -> None:
 # -- looks -------------------------------------------------------------------------------------------------------------
 
 
-def with_looks(root: ElementTree.Element) -> None:
-    """A textured sail, a site and a second body with materials, a livery geom with a colour of its own."""
-    assets = find(root, "asset")
-    ElementTree.SubElement(
-        assets, "texture", name="cloth", type="2d", builtin="checker", width="8", height="8", rgb1="1 0 0"
-    )
-    ElementTree.SubElement(assets, "material", name="sail", texture="cloth", shininess=".7")
-    body = find(root, ".//body")
-    shape: dict[str, Any] = {"contype": "0", "conaffinity": "0", "mass": "0", "size": ".1"}
-    ElementTree.SubElement(body, "geom", name="sail", material="sail", **shape)
-    ElementTree.SubElement(body, "geom", name="own", material="livery", rgba="0 1 0 .4", **shape)
-    ElementTree.SubElement(body, "site", name="lamp", material="livery")
-    second = ElementTree.SubElement(find(root, "worldbody"), "body", name="second", pos="1 0 .5")
-    ElementTree.SubElement(second, "geom", name="ball", material="livery", **shape)
+PLAIN = 'contype="0" conaffinity="0" mass="0" size=".1"'
+LOOKS = adding(  # a textured sail, a site and a second body with materials, a livery geom with a colour of its own
+    ("asset", '<texture name="cloth" type="2d" builtin="checker" width="8" height="8" rgb1="1 0 0"/>'),
+    ("asset", '<material name="sail" texture="cloth" shininess=".7"/>'),
+    (".//body", f'<geom name="sail" material="sail" {PLAIN}/>'),
+    (".//body", f'<geom name="own" material="livery" rgba="0 1 0 .4" {PLAIN}/>'),
+    (".//body", '<site name="lamp" material="livery"/>'),
+    ("worldbody", f'<body name="second" pos="1 0 .5"><geom name="ball" material="livery" {PLAIN}/></body>'),
+)
 
 
 def look(model: mujoco.MjModel, kind: str, k: int) -> tuple[np.ndarray, list[float], list[int]]:
@@ -254,7 +223,7 @@ def look(model: mujoco.MjModel, kind: str, k: int) -> tuple[np.ndarray, list[flo
     return rgba if own else model.mat_rgba[material], shine, (model.mat_texid[material] >= 0).tolist()
 
 
-@pytest.mark.parametrize("edit", [None, with_looks], ids=["hull", "with looks"])
+@pytest.mark.parametrize("edit", [None, LOOKS], ids=["hull", "with looks"])
 def test_vehicles_look_as_in_their_file_and_share_materials(edit: Edit | None, tmp_path: Path) -> None:
     """MuJoCo draws at most 999 materials: their number is that of the kinds' files, however many vehicles there are."""
     vehicle, other = load_vehicle(altered(tmp_path, "hull", edit)), load_vehicle("aerial")

@@ -4,7 +4,6 @@ Oracles: W u taken apart into weight, attitude moment and translation, each writ
 largest shares of these that the limits leave, by linear programming.
 """
 
-import inspect
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,6 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.loop.bodies import Sensed, desired_force
-from mjsheaf.vehicles.actuators import aim
-from mjsheaf.vehicles.steering import steer_attitude, steer_hand_point
 from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import (
     MULTIROTORS,
@@ -34,6 +30,7 @@ from tests.builders import (
     wrench,
     yaw_of,
 )
+from tests.oracles.rigid_body import hold_moment, inertia_about_centre
 
 Array = NDArray[np.float64]
 
@@ -41,14 +38,9 @@ FULL = ("hexarotor", "wamv")
 POINTING = ("quadrotor", "x500")
 
 
-def hold_moment(vehicle: Vehicle, R: Array, wanted: Array, rates: Array) -> Array:
-    """J (k theta - b omega) toward an attitude, theta twice the vector part of the quaternion to it."""
-    hold = vehicle.hold
-    theta = 2.0 * Rotation.from_matrix(R.T @ wanted).as_quat(canonical=True)[:3]
-    c = vehicle.centre_of_mass
-    about_it = vehicle.inertia - vehicle.mass * (c @ c * np.eye(3) - np.outer(c, c))
-    J = about_it + np.diag(vehicle.added_mass[3:])
-    return np.asarray(J @ (hold.frequency**2 * theta - 2.0 * hold.damping * hold.frequency * rates))
+def slow(*speeds: float) -> list[Any]:
+    """Speeds of slow examples."""
+    return [pytest.param(speed, marks=pytest.mark.slow) for speed in speeds]
 
 
 def asked_wrenches(world: World, velocity: Array) -> list[Array]:
@@ -102,8 +94,7 @@ def within_limits(vehicle: Vehicle, asked: list[Array]) -> tuple[Array, list[flo
     return total, shares
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("speed", [0.05, 3.0, 100.0])
+@pytest.mark.parametrize("speed", [*slow(0.05, 3.0), 100.0])
 @pytest.mark.parametrize("name", FULL)
 def test_at_the_limits_weight_goes_before_attitude_and_attitude_before_translation(name: str, speed: float) -> None:
     """W u = weight + s_1 roll and pitch + s_2 yaw + s_3 translation, each s the largest that then fits."""
@@ -138,28 +129,6 @@ def test_at_the_limits_weight_goes_before_attitude_and_attitude_before_translati
         assert least[2] == 1.0
     if speed == 0.05 and name == "wamv":
         assert least[3] == 1.0
-
-
-@pytest.mark.parametrize("name", FULL)
-def test_a_level_vehicle_far_beyond_its_limits_pushes_where_it_is_asked_to(name: str) -> None:
-    """At the desired attitude, the force is a positive multiple of the desired one, and one thruster saturates."""
-    rng = np.random.default_rng(2)
-    world = alone(name, heading=-70)
-    vehicle, _, _, thrusters = body(world)
-    n = vehicle.dimension
-    for _ in range(40):
-        velocity = rng.standard_normal(3) * [1, 1, n == 3] * 100.0
-        ask(world, velocity)
-        wanted = wanted_force(vehicle, attitude(world), attitude(world).T @ velocity, np.zeros(3))[:n]
-        force = wrench(world)[:n] - [0, 0, vehicle.weight][:n]
-        share = force @ wanted / (wanted @ wanted)
-        assert 0.0 < share < 1.0
-        np.testing.assert_allclose(force, share * wanted, atol=1e-9 * np.abs(vehicle.limits).max())
-        reached = np.isclose(world.data.ctrl[thrusters, None], vehicle.limits, rtol=0, atol=1e-9)
-        assert reached.any()
-        assert world.saturation()[0] >= 1 / len(reached)
-        own = vehicle.mass / (vehicle.mass + vehicle.added_mass[1])
-        assert wrench(world)[5] == pytest.approx(vehicle.centre_of_mass[0] * own * force[1], abs=1e-6)
 
 
 def test_an_otter_turns_and_goes_in_proportion() -> None:
@@ -222,8 +191,7 @@ def facing(thrust: Array, heading: float) -> Array:
     return (Rotation.from_rotvec(turn) * Rotation.from_rotvec([0, 0, heading])).as_matrix()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("speed", [0.2, 4.0, 200.0])
+@pytest.mark.parametrize("speed", [*slow(0.2, 4.0), 200.0])
 @pytest.mark.parametrize("name", POINTING)
 def test_a_multirotor_with_parallel_rotors_points_weight_and_force(name: str, speed: float, tmp_path: Path) -> None:
     """In the attitude that it wants, its thrust is weight + s F: no less carried, toward where it is asked to go."""
@@ -306,36 +274,7 @@ def test_a_multirotor_recovers_from_a_tilt(name: str, tilt: float, fall: float) 
     assert np.degrees(yaw_of(world)) == pytest.approx(35, abs=0.01)
 
 
-@pytest.mark.parametrize("name", POINTING)
-def test_a_multirotor_sinks_with_half_of_its_weight_at_most(name: str) -> None:
-    """Fast commands leave rotors enough thrust to turn the vehicle; so does a climb."""
-    for speed in (-100.0, 100.0):
-        world = alone(name)
-        vehicle, _, dof, _ = body(world)
-        ask(world, [0, 0, speed])
-        for _ in range(20):
-            world.step(50)
-            v = world.data.qvel[dof][2]
-            thrust = vehicle.mass * (world.data.qacc[dof][2] + 9.81) + vehicle.drag[2] * v
-            thrust += vehicle.quadratic_drag[2] * abs(v) * v
-            assert thrust > 0.5 * vehicle.weight * (1 - 1e-3)
-            assert thrust < 0.9 * vehicle.limits[:, 1].sum() * (1 + 1e-3)
-        limit = 0.5 * vehicle.weight if speed < 0 else 0.9 * vehicle.limits[:, 1].sum()
-        assert wrench(world)[2] == pytest.approx(limit, rel=1e-9)
-
-
 # -- what it knows -----------------------------------------------------------------------------------------------------
-
-
-def test_the_autopilot_is_not_handed_the_medium() -> None:
-    def handed(function: Any) -> set[str]:
-        return set(inspect.signature(function.py_func).parameters)
-
-    assert handed(desired_force) == {"kind", "R", "s", "wanted"}
-    assert handed(steer_hand_point) == {"kind", "s", "omega", "wanted", "surge"}
-    assert handed(steer_attitude) == {"kind", "heading", "sensed", "force", "share", "weight"}
-    assert handed(aim) == {"channels", "velocity", "rates", "act", "ctrl"}
-    assert set(Sensed._fields) == {"R", "quaternion", "velocity", "rates"}
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -383,8 +322,6 @@ def test_attitude_is_held_at_the_frequency_that_is_given(name: str) -> None:
         place(world, Rotation.from_rotvec(theta).as_matrix(), np.zeros(3), np.zeros(3))
         ask(world, [0, 0, 0])
         force = vehicle.W @ world.data.ctrl[thrusters]
-        c = vehicle.centre_of_mass
-        about_it = vehicle.inertia - vehicle.mass * (c @ c * np.eye(3) - np.outer(c, c))
-        couple = force[3:] - np.cross(c, force[:3])
-        alpha = np.linalg.solve(about_it, couple)
+        couple = force[3:] - np.cross(vehicle.centre_of_mass, force[:3])
+        alpha = np.linalg.solve(inertia_about_centre(vehicle), couple)
         np.testing.assert_allclose(alpha, -(vehicle.hold.frequency**2) * theta, rtol=0.02, atol=2e-3)

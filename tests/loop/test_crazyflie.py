@@ -55,25 +55,6 @@ def test_its_numbers_are_those_of_the_source() -> None:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_it_hovers_in_still_air(engine: str) -> None:
-    target = {"id": "T", "position": [0.0, 0.0, 1.0], "vehicle": "crazyflie", "motion": {"kind": "fixed"}}
-    agent = {"id": "C", "position": [0.0, 0.0, 1.0], "vehicle": "crazyflie", "heading": 30.0}
-    hover = load_scenario(
-        {
-            "time": {"end": 5},
-            "agents": [agent],
-            "targets": [target],
-            "sensing": [["C", "T"]],
-            "controller": {"gain": 0.4},
-        }
-    )
-    data = simulate(hover, engine=engine)
-    assert data.attrs["status"] == "finished"
-    assert np.abs(data["tracking_error"].values).max() < 1e-9
-    assert (data["agent_saturation"].values == 0.0).all()
-
-
-@pytest.mark.parametrize("engine", ENGINES)
 def test_four_fly_a_square(engine: str) -> None:
     data = simulate(square(), engine=engine)
     assert data["tracking_error"].values[-500:].max() < 0.27

@@ -16,36 +16,22 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, simulate
-from mjsheaf.vehicles import vehicle as body
+from mjsheaf.vehicles import vehicle as vehicles
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, find, make_scenario, mixed_scenario, xml_of
+from tests.builders import altered, attitude, body, find, make_scenario, mixed_scenario, pursuit, setting, xml_of
 from tests.oracles.law import medium, velocity_commands
+from tests.oracles.rigid_body import hold_moment
 from tests.running import run_physics
 
 Array = NDArray[np.float64]
 
 LINEAR = {"linear": [200.0, 900.0, 1500.0], "angular": [50.0, 60.0, 70.0]}
-SHIFTED = "0.15 -0.1 0.2"
-
-
-def shift_mass(root: ElementTree.Element) -> None:
-    find(root, ".//inertial").set("pos", SHIFTED)
-
-
-def parts(world: World, v: int) -> tuple[slice, slice, slice]:
-    """Return the slices of vehicle v in qpos, in qvel and among the actuators."""
-    a, d, first = world.arena.qpos[v], world.arena.dof[v], world.arena.thruster
-    return slice(a, a + 7), slice(d, d + 6), slice(first[v], first[v + 1])
+SHIFTED = setting(".//inertial", pos="0.15 -0.1 0.2")
 
 
 def turn(world: World, v: int, R: Array) -> None:
     """Give vehicle v an attitude."""
-    at = parts(world, v)[0]
-    world.data.qpos[at][3:] = Rotation.from_matrix(R).as_quat(scalar_first=True)
-
-
-def attitude(world: World, v: int) -> Array:
-    return Rotation.from_quat(world.quaternions()[v], scalar_first=True).as_matrix()
+    world.data.qpos[body(world, v)[1]][3:] = Rotation.from_matrix(R).as_quat(scalar_first=True)
 
 
 def tumble(world: World, seed: int) -> None:
@@ -64,7 +50,7 @@ def world(tmp_path: Path) -> World:
     scenario = mixed_scenario()
     agents = [a.model_dump(exclude_none=True) for a in scenario.agents]
     agents[1]["vehicle"] = altered(tmp_path / "drag", "aerial", drag=LINEAR)
-    agents[2]["vehicle"] = altered(tmp_path / "shift", "aerial", shift_mass, drag=LINEAR)
+    agents[2]["vehicle"] = altered(tmp_path / "shift", "aerial", SHIFTED, drag=LINEAR)
     return World(mixed_scenario(agents=agents, disturbance={"agents": {"bound": 0.5}}))
 
 
@@ -72,64 +58,32 @@ def world(tmp_path: Path) -> World:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_actuators_make_the_wrench_of_their_thrusters(world: World, seed: int) -> None:
-    """qfrc_actuator is R W_f u in world axes and W_m u in body axes: the gears turn with the body."""
-    tumble(world, seed)
-    for v, vehicle in enumerate(world.arena.vehicles):
-        _, dof, thrusters = parts(world, v)
-        wrench = vehicle.W @ world.data.ctrl[thrusters]
-        expected = np.concatenate([attitude(world, v) @ wrench[:3], wrench[3:]])
-        size = np.abs(vehicle.W).max() * np.abs(world.data.ctrl[thrusters]).max()
-        assert size > 10.0
-        np.testing.assert_allclose(world.data.qfrc_actuator[dof], expected, atol=1e-12 * size)
+def test_force_is_drag_relative_to_medium_and_command_and_the_moment_holds_the_attitude(
+    world: World, seed: int
+) -> None:
+    """Thrust, flow, damping and weight together: R D R^T (v_c + w - v) on whatever moves in a volume.
 
-
-@pytest.mark.parametrize("seed", range(5))
-def test_force_on_a_body_is_drag_relative_to_the_medium_and_command(world: World, seed: int) -> None:
-    """Thrust, flow, damping and weight together: R D R^T (v_c + w - v) on whatever moves in a volume."""
-    tumble(world, seed)
-    system, x = world.system, world.positions()
-    command = velocity_commands(system, world.time, x)
-    gravity = world.model.opt.gravity
-    for v, vehicle in enumerate(world.arena.vehicles):
-        if vehicle.dimension == 2:
-            continue
-        _, dof, _ = parts(world, v)
-        data, R = world.data, attitude(world, v)
-        total = data.qfrc_actuator[dof] + data.qfrc_applied[dof] + data.qfrc_passive[dof]
-        slip = command[v] + medium(system, v, world.time, x[v]) - data.qvel[dof][:3]
-        expected = R @ (vehicle.drag * (R.T @ slip)) - vehicle.mass * gravity
-        size = vehicle.drag.max() * 20.0
-        np.testing.assert_allclose(total[:3], expected, atol=1e-11 * size)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_moment_on_a_body_holds_its_attitude(world: World, seed: int) -> None:
-    """J (k theta - b omega), theta twice the vector part of the quaternion to the level attitude with the given
-    heading.
-
-    On top comes what accelerates an eccentric mass without turning it: c times thrust less drag; and the body's own
-    drag.
+    The moment is that of the hold to the level attitude with the given heading, and what accelerates an eccentric mass
+    without turning it, c times thrust less drag; and the body's own drag.
     """
     tumble(world, seed)
-    x = world.positions()
+    system, data, x = world.system, world.data, world.positions()
+    command = velocity_commands(system, world.time, x)
     for v, vehicle in enumerate(world.arena.vehicles):
         if vehicle.dimension == 2:
             continue
-        _, dof, _ = parts(world, v)
-        R, heading = attitude(world, v), world.system.bodies.heading[v]
-        turn = Rotation.from_matrix(R.T @ Rotation.from_rotvec([0, 0, heading]).as_matrix()).as_quat(canonical=True)
-        theta = 2.0 * turn[:3]
-        omega = world.data.qvel[dof][3:]
-        c = vehicle.centre_of_mass
-        J = vehicle.inertia - vehicle.mass * (c @ c * np.eye(3) - np.outer(c, c))
-        hold = J @ (100.0 * theta - 20.0 * omega)
-        slip = world.data.qvel[dof][:3] - medium(world.system, v, world.time, x[v])
-        thrust = R.T @ world.data.qfrc_actuator[dof][:3] - vehicle.drag * (R.T @ slip)
-        trim = np.cross(vehicle.centre_of_mass, thrust)
-        np.testing.assert_allclose(world.data.qfrc_actuator[dof][3:], hold + trim, atol=1e-9 * (1 + np.abs(hold).max()))
+        dof = body(world, v)[2]
+        R, omega, force = attitude(world, v), data.qvel[dof][3:], data.qfrc_actuator[dof]
+        others = (data.qfrc_applied + data.qfrc_passive)[dof]
+        slip = medium(system, v, world.time, x[v]) - data.qvel[dof][:3]
+        expected = R @ (vehicle.drag * (R.T @ (command[v] + slip))) - vehicle.mass * world.model.opt.gravity
+        np.testing.assert_allclose((force + others)[:3], expected, atol=1e-11 * vehicle.drag.max() * 20.0)
+        level = Rotation.from_rotvec([0, 0, system.bodies.heading[v]]).as_matrix()
+        hold = hold_moment(vehicle, R, level, omega)
+        trim = np.cross(vehicle.centre_of_mass, R.T @ force[:3] + vehicle.drag * (R.T @ slip))
+        np.testing.assert_allclose(force[3:], hold + trim, atol=1e-9 * (1 + np.abs(hold).max()))
         drag = -np.array(vehicle.description.drag.angular) * omega
-        np.testing.assert_allclose((world.data.qfrc_applied + world.data.qfrc_passive)[dof][3:], drag, atol=1e-10)
+        np.testing.assert_allclose(others[3:], drag, atol=1e-10)
 
 
 def test_a_boat_is_pushed_along_the_water_only(world: World) -> None:
@@ -139,7 +93,7 @@ def test_a_boat_is_pushed_along_the_water_only(world: World) -> None:
         world.close_loop(sample=True)
         mujoco.mj_forward(world.model, world.data)
         command = velocity_commands(world.system, world.time, world.positions())[0]
-        force = world.data.qfrc_actuator[parts(world, 0)[1]]
+        force = world.data.qfrc_actuator[body(world)[2]]
         np.testing.assert_allclose(force[:3], world.arena.vehicles[0].drag * command, atol=1e-8)
         np.testing.assert_allclose(force[3:5], 0.0, atol=1e-8)
 
@@ -151,15 +105,11 @@ def test_a_boat_is_pushed_along_the_water_only(world: World) -> None:
 @pytest.mark.parametrize("name", ["hull", "aerial", "submersible", "hexarotor", "quadrotor", "x500"])
 def test_gears_on_the_joint_are_thrusters_on_sites(name: str, tmp_path: Path) -> None:
     """Step by step, tumbling, the trajectory of the file's own site transmissions under the same commands."""
-    agents = [{"id": "A", "position": [0, 0] if name == "hull" else [0, 0, 0], "vehicle": name, "heading": 50}]
-    targets = [{"id": "T", "position": [40, 30, 20]}]
-    scenario = make_scenario(
-        {"agents": agents, "targets": targets, "sensing": [["A", "T"]], "controller": {"gain": 0.3}}
-    )
-    world = World(scenario)
+    place = [0, 0, 0][: load_vehicle(name).dimension]
+    world = World(pursuit(place, [40, 30, 20], {"vehicle": name, "heading": 50}, controller={"gain": 0.3}))
     rng = np.random.default_rng(4)
     turn(world, 0, Rotation.from_rotvec(0.8 * rng.standard_normal(3)).as_matrix())
-    qpos, dof, thrusters = parts(world, 0)
+    _, qpos, dof, thrusters = body(world)
     world.data.qvel[dof] = rng.uniform(-1, 1, 6)
 
     root = xml_of(name)
@@ -199,22 +149,12 @@ def drifting(tmp_path: Path, timestep: float, flow: dict[str, Any], **vehicle: A
     )
 
 
-def test_a_flow_carries_a_body_at_its_own_velocity(tmp_path: Path) -> None:
-    """Terminal velocity is w along every axis, however unlike the drags are, and the heading stays."""
-    world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=LINEAR)
-    world.step(30_000)
-    _, dof, thrusters = parts(world, 1)
-    np.testing.assert_allclose(world.data.qvel[dof], [0.7, -0.4, 0.2, 0, 0, 0], atol=1e-8)
-    np.testing.assert_allclose(world.data.ctrl[thrusters], 0.0, atol=1e-6)
-    np.testing.assert_allclose(attitude(world, 1), Rotation.from_euler("z", 35, degrees=True).as_matrix(), atol=1e-9)
-
-
 @pytest.mark.parametrize("stiff", [0.0, np.inf], ids=["joint", "force"])
 def test_a_body_comes_up_to_the_flow_as_its_drag_says(
     stiff: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """v(t) = w - exp(-R D R^T t / m) w, to first order, whether the joint takes drag or a force is applied."""
-    monkeypatch.setattr(body, "_STIFF", stiff)
+    monkeypatch.setattr(vehicles, "_STIFF", stiff)
     w = np.array([0.7, -0.4, 0.2])
     R = Rotation.from_euler("z", 35, degrees=True).as_matrix()
     A = R @ np.diag(LINEAR["linear"]) @ R.T / 300.0
@@ -223,7 +163,7 @@ def test_a_body_comes_up_to_the_flow_as_its_drag_says(
     for steps in (100, 200, 400):
         world = drifting(tmp_path, 0.2 / steps, {"drift": w.tolist()}, drag=LINEAR)
         world.step(steps)
-        errors.append(np.abs(world.data.qvel[parts(world, 1)[1]][:3] - exact).max())
+        errors.append(np.abs(world.data.qvel[body(world, 1)[2]][:3] - exact).max())
     assert errors[0] < 0.003
     assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.05)
     assert errors[1] / errors[2] == pytest.approx(2.0, abs=0.05)
@@ -264,24 +204,7 @@ def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
     for drag in ({"time_constant": 1e-4}, {"linear": [3e6, 2.5e6, 2e6]}):
         world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=drag)
         world.step(200)
-        np.testing.assert_allclose(world.data.qvel[parts(world, 1)[1]][:3], [0.7, -0.4, 0.2], rtol=1e-9)
-
-
-@pytest.mark.parametrize("period", [0.0003, 0.00117, 0.0015, 0.003])
-@pytest.mark.parametrize("tau", [0.006, 0.013, 0.03])
-def test_drag_is_taken_once(tau: float, period: float) -> None:
-    """By the joint or by a force, whatever the step."""
-    timestep = tau / 100.0
-    steps = max(1, round(period / timestep))
-    agents = [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [0, 0, 0]}]
-    scenario = {"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "vehicles": {"tau": tau}}
-    scenario |= {"sensing": [["A", "T"], ["B", "T"]], "physics": {"timestep": timestep}}
-    world = World(make_scenario({**scenario, "controller": {"gain": 1.0, "control_period": steps * timestep}}))
-    fleet = world._loop.params.fleet
-    for v, vehicle in enumerate(world.arena.vehicles):
-        kind, damping = fleet.kinds[fleet.bodies[v]["kind"]], world.model.dof_damping[parts(world, v)[1]]
-        assert (kind["implicit"], kind["explicit"]) == ((damping[0], 0.0) if damping.any() else (0.0, 1.0))
-        assert damping[0] in (0.0, vehicle.drag.max())
+        np.testing.assert_allclose(world.data.qvel[body(world, 1)[2]][:3], [0.7, -0.4, 0.2], rtol=1e-9)
 
 
 @pytest.mark.parametrize("drag", [LINEAR, {"time_constant": 0.5}], ids=["unlike", "alike"])
@@ -293,33 +216,22 @@ def test_the_joint_damps_as_an_applied_force_does(
     for timestep in (0.002, 0.001, 0.0005):
         runs = []
         for stiff in (0.0, np.inf):
-            monkeypatch.setattr(body, "_STIFF", stiff)
+            monkeypatch.setattr(vehicles, "_STIFF", stiff)
             world = drifting(tmp_path, timestep, {"drift": [0.7, -0.4, 0.2]}, drag=drag)
-            assert world.model.dof_damping[parts(world, 1)[1]].any() == (stiff == 0.0)
-            world.data.qvel[parts(world, 1)[1]] = [0.5, 0.6, -0.3, 0.2, -0.1, 0.3]
+            assert world.model.dof_damping[body(world, 1)[2]].any() == (stiff == 0.0)
+            world.data.qvel[body(world, 1)[2]] = [0.5, 0.6, -0.3, 0.2, -0.1, 0.3]
             world.step(round(1.0 / timestep))
-            runs.append(world.data.qpos[parts(world, 1)[0]].copy())
+            runs.append(world.data.qpos[body(world, 1)[1]].copy())
         apart.append(np.abs(runs[0] - runs[1]).max())
     assert 1e-9 < apart[-1] < 1e-3
     np.testing.assert_allclose(np.array(apart[:-1]) / apart[1:], 2.0, atol=0.1)
-
-
-def test_a_light_body_follows_the_streamlines(tmp_path: Path) -> None:
-    """Round a vortex with core c and strength gamma at radius r: angular rate gamma / (r^2 + c^2), 12 m of it."""
-    flow = {"core": 1.0, "vortices": [{"centre": [1, -2, -3], "axis": [0, 0, 1], "gamma": 10.0}]}
-    world = drifting(tmp_path, 0.0005, flow, drag={"time_constant": 0.001})
-    world.step(10_000)
-    x = world.positions()[1] - [1, -2, -3]
-    rate = 10.0 / (16.0 + 1.0)
-    angle = np.pi / 2 + 5.0 * rate
-    np.testing.assert_allclose(x, [4 * np.cos(angle), 4 * np.sin(angle), 0], atol=0.05)
 
 
 @pytest.mark.slow
 def test_steady_velocity_under_a_command_is_w_plus_g_u(tmp_path: Path) -> None:
     """The reduced model on the body itself: constant extra commands u move it at w + g u, without turning it."""
     world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=LINEAR)
-    vehicle, (_, dof, thrusters) = world.arena.vehicles[1], parts(world, 1)
+    vehicle, _, dof, thrusters = body(world, 1)
     R = attitude(world, 1)
     u = vehicle.reduced_model().g_inverse(R) @ [1.0, 2.0, -0.5]
     for _ in range(20_000):
@@ -331,25 +243,11 @@ def test_steady_velocity_under_a_command_is_w_plus_g_u(tmp_path: Path) -> None:
     np.testing.assert_allclose(attitude(world, 1), R, atol=1e-9)
 
 
-def test_an_eccentric_aircraft_hovers_level(tmp_path: Path) -> None:
-    """Thrusters carry the weight through the centre of mass, wherever it is."""
-    path = altered(tmp_path, "aerial", shift_mass)
-    agents = [{"id": "A", "position": [1, 2, 3], "heading": 70, "vehicle": path}]
-    world = World(
-        make_scenario({"agents": agents, "targets": [{"id": "T", "position": [1, 2, 3]}], "sensing": [["A", "T"]]})
-    )
-    world.step(3000)
-    np.testing.assert_allclose(world.positions()[0], [1, 2, 3], atol=1e-6)
-    np.testing.assert_allclose(attitude(world, 0), Rotation.from_euler("z", 70, degrees=True).as_matrix(), atol=1e-6)
-
-
 # -- on the water ----------------------------------------------------------------------------------------------------
 
 
 def boat(height: float = 0.0) -> World:
-    agents = [{"id": "A", "position": [0, 0], "heading": 20}]
-    seen = {"targets": [{"id": "T", "position": [0, 0]}], "sensing": [["A", "T"]]}
-    return World(make_scenario({"agents": agents, **seen, "scene": {"surface": "water", "height": height}}))
+    return World(pursuit([0, 0], [0, 0], {"heading": 20}, scene={"surface": "water", "height": height}))
 
 
 @pytest.mark.parametrize("height", [0.0, 2.5])
@@ -357,12 +255,12 @@ def test_a_boat_floats_and_rights_itself(height: float) -> None:
     world = boat(height)
     world.step(100)
     np.testing.assert_allclose(world.heights()[0], height, atol=1e-9)
-    level = attitude(world, 0)
-    world.data.qpos[parts(world, 0)[0]][2] += 0.4
+    level = attitude(world)
+    world.data.qpos[body(world)[1]][2] += 0.4
     turn(world, 0, level @ Rotation.from_euler("xy", [0.5, -0.3]).as_matrix())
     world.step(6000)
     np.testing.assert_allclose(world.heights()[0], height, atol=1e-6)
-    np.testing.assert_allclose(attitude(world, 0), level, atol=1e-6)
+    np.testing.assert_allclose(attitude(world), level, atol=1e-6)
 
 
 def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
@@ -372,10 +270,10 @@ def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
     assert description.hydrostatics is not None
     vehicle, floats = world.arena.vehicles[0], description.hydrostatics
     c = description.drag.angular
-    turn(world, 0, attitude(world, 0) @ Rotation.from_euler("xy", [0.01, 0.005]).as_matrix())
-    world.data.qpos[parts(world, 0)[0]][2] = 0.02
+    turn(world, 0, attitude(world) @ Rotation.from_euler("xy", [0.01, 0.005]).as_matrix())
+    world.data.qpos[body(world)[1]][2] = 0.02
     world.step(150)
-    R = attitude(world, 0)
+    R = attitude(world)
     seen = world.heights()[0], R[2, 1], -R[2, 0]
     cases = (
         (0.02, vehicle.mass, vehicle.drag[2], floats.heave),
@@ -391,14 +289,13 @@ def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
 # -- limits and lag --------------------------------------------------------------------------------------------------
 
 
-def limited(root: ElementTree.Element) -> None:
-    general = find(root, "default/default[@class='thruster']/general")
-    general.attrib.update(ctrlrange="-40 60", forcerange="-30 30", forcelimited="true", dyntype="filter", dynprm="0.2")
+THRUSTER = "default/default[@class='thruster']/general"
+LIMITED = {"ctrlrange": "-40 60", "forcerange": "-30 30", "forcelimited": "true", "dyntype": "filter", "dynprm": "0.2"}
 
 
 def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None:
     """Settings of a default class apply to the vehicle like those of its actuators."""
-    path = altered(tmp_path, "hull", limited)
+    path = altered(tmp_path, "hull", setting(THRUSTER, **LIMITED))
     agents = [{"id": "A", "position": [0, 0], "vehicle": path}, {"id": "B", "position": [50, 0]}]
     targets = [{"id": "T", "position": [50, 0]}]
     scenario = make_scenario(
@@ -432,13 +329,7 @@ def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None
 )
 def test_saturation_sees_every_limit(limits: dict[str, str], bound: float | None, tmp_path: Path) -> None:
     """Oracle: MuJoCo's own forces, which come to a limit where the vehicle is saturated, and go no further."""
-
-    def edit(root: ElementTree.Element) -> None:
-        find(root, "default/default[@class='thruster']/general").attrib.update(limits)
-
-    agents = [{"id": "A", "position": [0, 0], "vehicle": altered(tmp_path, "hull", edit)}]
-    scenario = make_scenario({"agents": agents, "targets": [{"id": "T", "position": [50, 0]}], "sensing": [["A", "T"]]})
-    world = World(scenario)
+    world = World(pursuit([0, 0], [50, 0], {"vehicle": altered(tmp_path, "hull", setting(THRUSTER, **limits))}))
     world.step(200)
     world.close_loop()
     mujoco.mj_forward(world.model, world.data)

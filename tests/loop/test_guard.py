@@ -13,7 +13,6 @@ from mjsheaf import load_scenario, simulate, simulate_many
 from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.files import dump_yaml
-from mjsheaf.loop.session import prepare_run
 from mjsheaf.runs.expecting import try_scenario
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.workers import run_job
@@ -61,11 +60,6 @@ def test_a_vehicle_that_does_not_fit_is_refused_everywhere(
     assert stopped.value.code == 2
     assert reason in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_what_may_run_may_run_on_both(backend: str) -> None:
-    assert len(prepare_run(mixed_scenario().system, backend)) == 1
 
 
 @pytest.mark.parametrize("tau", [None, 1e-3, 0.05, 10.0])

@@ -18,7 +18,7 @@ from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.system import System
 from mjsheaf.results import make_datasets
 from mjsheaf.scenario import Scenario
-from tests.builders import FACTS, FLOW, Simulated, make_scenario, mixed_scenario
+from tests.builders import FACTS, FLOW, Simulated, make_scenario, mixed_scenario, pursuit
 from tests.oracles.law import medium, velocity_commands
 from tests.running import run_ideal
 
@@ -60,23 +60,6 @@ def test_published_checkpoints(simulated: Simulated) -> None:
         np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-8)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("gain", [0.01, 1.0, 30.0])
-def test_other_gains_as_the_authors_integrate(gain: float) -> None:
-    """Every vehicle by itself over every period, its state padded to three numbers: RK45, rtol 1e-9, atol 1e-12."""
-    system = load_scenario("paper", {"controller.gain": gain, "time.end": 1.01}).system
-    trajectory = run(system)
-    x = np.array(system.initial)
-    for k, t in enumerate(trajectory.time):
-        np.testing.assert_allclose(trajectory.positions[k], x, rtol=0, atol=1e-8)
-        command = velocity_commands(system, t, x)
-        for v, u in enumerate(command):
-            solution = solve_ivp(
-                lambda s, y, v=v, u=u: medium(system, v, s, y) + u, (t, t + 0.01), x[v], rtol=1e-9, atol=1e-12
-            )
-            x[v] = solution.y[:, -1]
-
-
 # -- exact solutions -----------------------------------------------------------------------------------------------
 
 
@@ -87,44 +70,22 @@ def still(period: float, drift: list[float], **fields: Any) -> System:
     return mixed_scenario(controller=control, flow=flow, target_formation=None, **fields).system
 
 
-def test_held_control_is_a_matrix_power() -> None:
-    """Q(t + h) = q + h (w - k1 eta): with H symmetric, e falls by the factors 1 - k1 h lambda."""
-    system = still(0.05, [0.3, -0.2, 0.1])
+@pytest.mark.parametrize("period", [0.05, 0.0], ids=["held", "continuous"])
+def test_a_linear_loop_is_a_power_or_an_exponential_of_its_matrix(period: float) -> None:
+    """Q' = w - k1 (H q - B p - c); held over h, e falls by the factors 1 - k1 h lambda, as H is symmetric."""
+    system = still(period, [0.3, -0.2, 0.1])
+    assert system.grid.continuous == (period == 0.0)
     team, problem = system.team, system.team.dirichlet
-    n_q = problem.H.shape[0]
+    H, n_q = 3.0 * problem.H.toarray(), problem.H.shape[0]
     q, p = np.split(team.pack(system.initial), [n_q])
     w = team.pack(np.tile([0.3, -0.2, 0.1], (5, 1)))[:n_q]
-    A = np.eye(n_q) - 0.05 * 3.0 * problem.H.toarray()
-    rest = problem.extend(p) + np.linalg.solve(3.0 * problem.H.toarray(), w)
-    for x, k in zip(run(system).positions, range(21), strict=True):
-        np.testing.assert_allclose(
-            team.pack(x)[:n_q], rest + np.linalg.matrix_power(A, k) @ (q - rest), rtol=0, atol=1e-11
-        )
-
-
-def test_continuous_control_is_a_matrix_exponential() -> None:
-    """Control period 0: q' = w - k1 (H q - B p - c)."""
-    system = still(0.0, [0.3, -0.2, 0.1])
-    assert system.grid.continuous
-    team, problem = system.team, system.team.dirichlet
-    n_q = problem.H.shape[0]
-    q, p = np.split(team.pack(system.initial), [n_q])
-    w = team.pack(np.tile([0.3, -0.2, 0.1], (5, 1)))[:n_q]
-    H = problem.H.toarray()
-    rest = problem.extend(p) + np.linalg.solve(3.0 * H, w)
+    rest = problem.extend(p) + np.linalg.solve(H, w)
     trajectory = run(system)
-    for t, x in zip(trajectory.time, trajectory.positions, strict=True):
-        np.testing.assert_allclose(team.pack(x)[:n_q], rest + expm(-3.0 * H * t) @ (q - rest), rtol=0, atol=1e-9)
-        np.testing.assert_array_equal(team.pack(x)[n_q:], p)
-
-
-def test_a_short_hold_comes_near_the_continuous_law() -> None:
-    """The error of a hold is of first order in its period."""
-    exact = run(still(0.0, [0, 0, 0])).positions[-1]
-    errors = [
-        np.abs(run(still(h, [0, 0, 0], physics={"timestep": h})).positions[-1] - exact).max() for h in (0.02, 0.01)
-    ]
-    assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.1)
+    for k, (t, x) in enumerate(zip(trajectory.time, trajectory.positions, strict=True)):
+        factor = np.linalg.matrix_power(np.eye(n_q) - period * H, k) if period else expm(-H * t)
+        found = team.pack(x)
+        np.testing.assert_allclose(found[:n_q], rest + factor @ (q - rest), rtol=0, atol=1e-11 if period else 1e-9)
+        np.testing.assert_array_equal(found[n_q:], p)
 
 
 # -- against scipy -------------------------------------------------------------------------------------------------
@@ -251,18 +212,6 @@ def test_velocity_limits_are_kept(period: float) -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
-def test_one_run_gives_the_bits_of_another(period: float) -> None:
-    control = {"gain": 3.0, "control_period": period}
-    one, again = (
-        run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS).system).positions
-        for _ in range(2)
-    )
-    assert one.tobytes() == again.tobytes()
-    other = run(mixed_scenario(controller=control, disturbance=DISTURBED, targets=TARGETS, seed=1).system).positions
-    assert np.any(one != other)
-
-
-@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
 def test_a_shorter_run_is_the_beginning_of_a_longer_one(period: float) -> None:
     control = {"gain": 3.0, "control_period": period}
     whole, part = (run(mixed_scenario(controller=control, time={"end": end}).system).positions for end in (1.0, 0.4))
@@ -349,16 +298,8 @@ TINY = [0.0, 5e-324, 1e-310, 1e-300, 1e-100, 1e-30, 1e-16, -1e-16, 1e-12, 1e-8, 
 
 def next_to_the_origin(x: float, period: float, flow: dict[str, Any] | None = None) -> Scenario:
     """An agent at x on the way to a target 1 m ahead."""
-    return make_scenario(
-        {
-            "time": {"end": 1.0},
-            "controller": {"gain": 1.0, "control_period": period},
-            "agents": [{"id": "A", "position": [x, 0]}],
-            "targets": [{"id": "T", "position": [1, 0]}],
-            "sensing": [["A", "T"]],
-            "flow": {"agents": flow} if flow else {},
-        }
-    )
+    control = {"gain": 1.0, "control_period": period}
+    return pursuit([x, 0], [1, 0], time={"end": 1.0}, controller=control, flow={"agents": flow} if flow else {})
 
 
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
@@ -384,13 +325,6 @@ def test_a_run_starts_next_to_a_sink(alpha: float, period: float) -> None:
 def test_periods_of_any_length_begin() -> None:
     """From rest at the origin the first trial step is 1e-6 s, whatever the period."""
     for period in (1e-6, 1e8):
-        scenario = make_scenario(
-            {
-                "time": {"end": 2.0 * period},
-                "controller": {"gain": 0.1 / period, "control_period": period},
-                "agents": [{"id": "A", "position": [0, 0]}],
-                "targets": [{"id": "T", "position": [1, 0]}],
-                "sensing": [["A", "T"]],
-            }
-        )
+        control = {"gain": 0.1 / period, "control_period": period}
+        scenario = pursuit([0, 0], [1, 0], time={"end": 2.0 * period}, controller=control)
         np.testing.assert_allclose(run(scenario.system).positions[:, 0, 0], [0.0, 0.1, 0.19], atol=1e-12)

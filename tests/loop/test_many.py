@@ -2,14 +2,13 @@
 
 import threading
 
-import numpy as np
 import pytest
 import xarray as xr
 
 from mjsheaf import simulate, simulate_many
-from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
+from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.scenario import Scenario
-from tests.builders import mixed_scenario, refused
+from tests.builders import bits, mixed_scenario, refused
 
 DISTURBED = {"agents": {"bound": 0.5}, "targets": {"bound": 0.3}}
 
@@ -18,11 +17,6 @@ def runs() -> list[Scenario]:
     control = [{"gain": gain, "control_period": 0.01} for gain in (1.0, 2.0, 3.0)]
     one = [mixed_scenario(controller=c, disturbance=DISTURBED, seed=k) for k, c in enumerate(control)]
     return [*one, mixed_scenario(seed=7, disturbance=DISTURBED, time={"end": 0.3})]
-
-
-def bits(result: "xr.Dataset | MjsheafError") -> dict[str, bytes]:
-    assert isinstance(result, xr.Dataset)
-    return {str(name): np.ascontiguousarray(result[name]).tobytes() for name in result.data_vars}
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])

@@ -27,207 +27,120 @@ YAML = (
 
 Attributes = Mapping[str, str]
 
-# What each differs by from the plain file: attributes of XML, None for what an element is or where it is, which no file
-# sets, and a text for what is not XML's.
+
+def none_of(names: str) -> dict[str, Attributes | None]:
+    """Attributes that no file sets: what an element is, or where it is."""
+    return dict.fromkeys(names.split())
+
+
+def same_names(text: str) -> dict[str, Attributes | None]:
+    """Attributes that XML calls as MuJoCo does, with the values that they change to."""
+    pairs = (each.split("=") for each in text.split("; "))
+    return {name: {name: value} for name, value in pairs}
+
+
+# What each differs by from the plain file: attributes of XML.
 ACTUATOR: dict[str, Attributes | None] = {
-    "actdim": {"actdim": "2"},
-    "actearly": {"actearly": "true"},
+    **none_of("compiler id info signature"),
+    **same_names(
+        "actdim=2; actearly=true; armature=0.1; biasprm=1 2 3; cranklength=0.1; ctrllimited=false; ctrlrange=1 4; "
+        "ctrlspec=1; damping=0.1; dynprm=0.1; dyntype=filter; ffrange=0 1; gainprm=2 3 4; "
+        "gear=0.1 0.2 1.5 0 0 -0.1; group=3; inheritrange=0.5; lengthrange=0.1 2; name=other; nsample=10; "
+        "plugin=mujoco.pid; refsite=rr; velrange=0 1"
+    ),
     "actlimited": {"actlimited": "true", "actrange": "0 4"},
     "actrange": {"actlimited": "true", "actrange": "1 4"},
-    "armature": {"armature": "0.1"},
-    "biasprm": {"biasprm": "1 2 3"},
     "biastype": {"biastype": "affine", "biasprm": "0 0 -1"},
     "classname": {"class": "small"},
-    "compiler": None,
-    "cranklength": {"cranklength": "0.1"},
-    "ctrllimited": {"ctrllimited": "false"},
-    "ctrlrange": {"ctrlrange": "1 4"},
-    "ctrlspec": {"ctrlspec": "1"},
-    "damping": {"damping": "0.1"},
     "delay": {"delay": "0.02", "nsample": "10"},
-    "dynprm": {"dynprm": "0.1"},
-    "dyntype": {"dyntype": "filter"},
-    "ffrange": {"ffrange": "0 1"},
     "forcelimited": {"forcelimited": "true", "forcerange": "0 4"},
     "forcerange": {"forcelimited": "true", "forcerange": "1 4"},
-    "gainprm": {"gainprm": "2 3 4"},
     "gaintype": {"gaintype": "affine", "gainprm": "1 0 1"},
-    "gear": {"gear": "0.1 0.2 1.5 0 0 -0.1"},
-    "group": {"group": "3"},
-    "id": None,
-    "info": None,
-    "inheritrange": {"inheritrange": "0.5"},
     "interp": {"interp": "linear", "nsample": "10"},
-    "lengthrange": {"lengthrange": "0.1 2"},
-    "name": {"name": "other"},
-    "nsample": {"nsample": "10"},
-    "plugin": {"plugin": "mujoco.pid"},
-    "refsite": {"refsite": "rr"},
-    "signature": None,
     "slidersite": {"slidersite": "rr", "cranksite": "fl", "cranklength": "1", "site": ""},
     "target": {"site": "rl"},
     "trntype": {"body": "quad", "site": ""},
     "type": {"tag": "motor"},
     "userdata": {"user": "1 2"},
-    "velrange": {"velrange": "0 1"},
 }
 JOINT: dict[str, Attributes | None] = {
+    **none_of("compiler frame id info parent signature"),
+    **same_names(
+        "armature=1; axis=1 0 0; damping=0.1; frictionloss=0.1; group=2; limited=false; margin=1; name=root; "
+        "pos=1 2 3; ref=1; springdamper=0.5 0.5; springref=1; stiffness=1; type=ball"
+    ),
     "actfrclimited": {"actuatorfrclimited": "true", "actuatorfrcrange": "0 1"},
     "actfrcrange": {"actuatorfrcrange": "0 1"},
     "actgravcomp": {"actuatorgravcomp": "true"},
     "align": {"align": "true", "tag": "freejoint", "type": ""},
-    "armature": {"armature": "1"},
-    "axis": {"axis": "1 0 0"},
     "classname": {"class": "small"},
-    "compiler": None,
-    "damping": {"damping": "0.1"},
-    "frame": None,
-    "frictionloss": {"frictionloss": "0.1"},
-    "group": {"group": "2"},
-    "id": None,
-    "info": None,
-    "limited": {"limited": "false"},
-    "margin": {"margin": "1"},
-    "name": {"name": "root"},
-    "parent": None,
-    "pos": {"pos": "1 2 3"},
     "range": {"range": "0 1", "limited": "false"},
-    "ref": {"ref": "1"},
-    "signature": None,
     "solimp_friction": {"solimpfriction": "0.8 0.9 0.01"},
     "solimp_limit": {"solimplimit": "0.8 0.9 0.01"},
     "solref_friction": {"solreffriction": "0.1 1"},
     "solref_limit": {"solreflimit": "0.1 1"},
-    "springdamper": {"springdamper": "0.5 0.5"},
-    "springref": {"springref": "1"},
-    "stiffness": {"stiffness": "1"},
-    "type": {"type": "ball"},
     "userdata": {"user": "1"},
 }
 BODY: dict[str, Attributes | None] = {
+    **none_of(  # the cases of inertia set explicitinertial
+        "classname compiler explicitinertial frame frames fuse id info parent signature simple bodies "
+        "cameras geoms joints lights sites"
+    ),
+    **same_names("childclass=small; gravcomp=0.4; name=other; pos=1 2 3; quat=1 2 3 4; sleep=allowed"),
     "alt": {"euler": "10 20 30"},
-    "childclass": {"childclass": "small"},
-    "classname": None,
-    "compiler": None,
-    "explicitinertial": None,  # the cases of inertia set it
-    "frame": None,
-    "frames": None,
     "fullinertia": {"inertial": '<inertial pos=".01 0 .02" mass="1.3" fullinertia=".01 .02 .025 .001 .002 .001"/>'},
-    "fuse": None,
-    "gravcomp": {"gravcomp": "0.4"},
     "ialt": {
         "inertial": '<inertial pos="0 .01 0" euler="10 20 30" mass="1.3" diaginertia=".01 .02 .025"/>',
     },
-    "id": None,
     "inertia": {"inertial": '<inertial pos="0 0 0" mass="1.3" diaginertia=".01 .02 .025"/>'},
-    "info": None,
     "ipos": {"inertial": '<inertial pos=".03 .02 -.05" mass="1.3" diaginertia=".01 .02 .025"/>'},
     "iquat": {"inertial": '<inertial pos="0 0 0" quat="1 2 3 4" mass="1.3" diaginertia=".01 .02 .025"/>'},
     "mass": {"inertial": '<inertial pos="0 0 0" mass="1.4" diaginertia=".01 .02 .025"/>'},
     "mocap": {"mocap": "true", "joint": "none"},
-    "name": {"name": "other"},
-    "parent": None,
     "plugin": {"inertial": '<plugin plugin="mujoco.elasticity.cable"/>'},
-    "pos": {"pos": "1 2 3"},
-    "quat": {"quat": "1 2 3 4"},
-    "signature": None,
-    "simple": None,
-    "sleep": {"sleep": "allowed"},
     "userdata": {"user": "1 2"},
-    **dict.fromkeys(("bodies", "cameras", "geoms", "joints", "lights", "sites")),
 }
 GEOM: dict[str, Attributes | None] = {
-    "adhesion": {"adhesion": "1"},
+    **none_of(
+        "compiler frame hfieldname id info parent signature"
+    ),  # a height field is ground: see `test_scene_of_a_file`
+    **same_names(
+        "adhesion=1; conaffinity=0; condim=1; contype=0; fitscale=2; friction=0.1; gap=0.1; group=3; margin=0.1; "
+        "mass=1.2; material=red; name=hull; pos=.01 -.02 .03; priority=2; quat=1 2 3 4; rgba=1 0 0 1; "
+        "size=.1 .2 .3; solimp=0.8 0.9 0.01; solmix=2; solref=0.1 1; surfacevel=1 0 0 0 0 0"
+    ),
     "alt": {"euler": "10 20 30"},
     "classname": {"class": "small"},
-    "compiler": None,
-    "conaffinity": {"conaffinity": "0"},
-    "condim": {"condim": "1"},
-    "contype": {"contype": "0"},
     "density": {"density": "300", "mass": ""},
-    "fitscale": {"fitscale": "2"},
     "fluid_coefs": {"fluidshape": "ellipsoid", "fluidcoef": "1 1 1 1 1"},
     "fluid_ellipsoid": {"fluidshape": "ellipsoid"},
-    "frame": None,
-    "friction": {"friction": "0.1"},
     "fromto": {"type": "capsule", "fromto": "0 0 0 .1 .2 .3", "size": ".1"},
-    "gap": {"gap": "0.1"},
-    "group": {"group": "3"},
-    "hfieldname": None,  # a height field is ground: see `test_scene_of_a_file`
-    "id": None,
-    "info": None,
-    "margin": {"margin": "0.1"},
-    "mass": {"mass": "1.2"},
-    "material": {"material": "red"},
     "meshname": {"type": "mesh", "mesh": "solid", "size": ""},
-    "name": {"name": "hull"},
-    "parent": None,
     "plugin": {"inner": '<plugin plugin="mujoco.sdf.bolt"/>', "type": "sdf", "size": ""},
-    "pos": {"pos": ".01 -.02 .03"},
-    "priority": {"priority": "2"},
-    "quat": {"quat": "1 2 3 4"},
-    "rgba": {"rgba": "1 0 0 1"},
-    "signature": None,
-    "size": {"size": ".1 .2 .3"},
-    "solimp": {"solimp": "0.8 0.9 0.01"},
-    "solmix": {"solmix": "2"},
-    "solref": {"solref": "0.1 1"},
-    "surfacevel": {"surfacevel": "1 0 0 0 0 0"},
     "type": {"type": "cylinder", "size": ".1 .2"},
     "typeinertia": {"shellinertia": "true"},
     "userdata": {"user": "1"},
 }
 SITE: dict[str, Attributes | None] = {
+    **none_of("compiler frame id info name parent signature"),  # actuators refer to its name
+    **same_names("group=5; material=red; pos=.03 .01 .1; quat=4 1 0 0; rgba=1 0 0 1; size=.1"),
     "alt": {"euler": "10 20 30"},
     "classname": {"class": "small"},
-    "compiler": None,
-    "frame": None,
     "fromto": {"type": "capsule", "fromto": ".1 .1 .3 0 0 0", "size": ".01", "pos": ""},
-    "group": {"group": "5"},
-    "id": None,
-    "info": None,
-    "material": {"material": "red"},
     "meshname": {"type": "mesh", "mesh": "solid"},
-    "name": None,  # actuators refer to it
-    "parent": None,
-    "pos": {"pos": ".03 .01 .1"},
-    "quat": {"quat": "4 1 0 0"},
-    "rgba": {"rgba": "1 0 0 1"},
-    "signature": None,
-    "size": {"size": ".1"},
     "type": {"type": "box", "size": ".1 .1 .1"},
     "userdata": {"user": "1"},
 }
 OPTION: dict[str, Attributes | None] = {
-    "ccd_iterations": {"ccd_iterations": "10"},
-    "ccd_tolerance": {"ccd_tolerance": "1e-3"},
-    "cone": {"cone": "elliptic"},
-    "density": {"density": "1.2"},
+    **none_of("disableflags enableflags"),
+    **same_names(
+        "ccd_iterations=10; ccd_tolerance=1e-3; cone=elliptic; density=1.2; gravity=0 0 -3; impratio=2; "
+        "integrator=RK4; iterations=5; jacobian=dense; ls_iterations=3; ls_tolerance=0.1; magnetic=1 0 0; "
+        "noslip_iterations=2; noslip_tolerance=0.1; o_friction=1 1 1 1 1; o_margin=0.1; "
+        "o_solimp=0.8 0.9 0.01 0.5 2; o_solref=0.1 1; sdf_initpoints=4; sdf_iterations=4; sleep_tolerance=0.1; "
+        "solver=CG; timestep=0.001; tolerance=1e-3; viscosity=1e-3; wind=1 2 3"
+    ),
     "disableactuator": {"actuatorgroupdisable": "0"},
-    "disableflags": None,  # see FLAGS
-    "enableflags": None,
-    "gravity": {"gravity": "0 0 -3"},
-    "impratio": {"impratio": "2"},
-    "integrator": {"integrator": "RK4"},
-    "iterations": {"iterations": "5"},
-    "jacobian": {"jacobian": "dense"},
-    "ls_iterations": {"ls_iterations": "3"},
-    "ls_tolerance": {"ls_tolerance": "0.1"},
-    "magnetic": {"magnetic": "1 0 0"},
-    "noslip_iterations": {"noslip_iterations": "2"},
-    "noslip_tolerance": {"noslip_tolerance": "0.1"},
-    "o_friction": {"o_friction": "1 1 1 1 1"},
-    "o_margin": {"o_margin": "0.1"},
-    "o_solimp": {"o_solimp": "0.8 0.9 0.01 0.5 2"},
-    "o_solref": {"o_solref": "0.1 1"},
-    "sdf_initpoints": {"sdf_initpoints": "4"},
-    "sdf_iterations": {"sdf_iterations": "4"},
-    "sleep_tolerance": {"sleep_tolerance": "0.1"},
-    "solver": {"solver": "CG"},
-    "timestep": {"timestep": "0.001"},
-    "tolerance": {"tolerance": "1e-3"},
-    "viscosity": {"viscosity": "1e-3"},
-    "wind": {"wind": "1 2 3"},
 }
 FLAGS = {
     "disable": "autoreset constraint contact equality eulerdamp filterparent frictionloss gravity island limit "

@@ -10,7 +10,7 @@ from mjsheaf import World, load_scenario
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, Worlds
-from mjsheaf.loop.system import Phase, System, on_engine, phases_of
+from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
@@ -56,24 +56,6 @@ def test_a_team_that_changes_half_way(backend: Any, period: float) -> None:
     assert np.abs(changed[1].positions[-1] - whole.positions[-1]).max() > 1e-3
 
 
-def test_metrics_are_those_of_the_phase() -> None:
-    system = mixed_scenario(time={"end": 0.4}).system
-    other = without_an_edge(system)
-    for backend in ("ideal", "physics"):
-        before, after = stream([Phase(0, system), Phase(20, other)], backend, 0)
-        for team, data in ((system.team, before), (other.team, after)):
-            positions = np.concatenate([data["agent_position"].values, data["target_position"].values], axis=1)
-            x = team.pack(np.nan_to_num(positions))
-            q_star = team.dirichlet.extend(x[:, team.dirichlet.H.shape[0] :])
-            np.testing.assert_allclose(
-                team.pack(np.nan_to_num(np.concatenate([data["harmonic_extension"].values, positions[:, 3:]], axis=1)))[
-                    :, : q_star.shape[1]
-                ],
-                q_star,
-                atol=1e-12,
-            )
-
-
 @pytest.mark.parametrize("starts", [[], [1], [0, 0], [0, 9, 5], [0, 999]])
 def test_phases_that_do_not_follow_one_another(starts: list[int]) -> None:
     system = mixed_scenario(time={"end": 0.4}).system
@@ -106,19 +88,7 @@ def test_a_world_goes_on_from_a_state_to_the_bit(period: float, steps: int) -> N
         np.testing.assert_array_equal(world.positions(), again.positions())
 
 
-def test_a_state_of_another_scenario_is_refused_and_changes_nothing() -> None:
-    world = World(mixed_scenario())
-    world.step(3)
-    before = world.get_state()
-    for state in (before[:-1], np.append(before, 0.0), before[:5], np.zeros((2, 2))):
-        with pytest.raises(InputError, match="state has shape"):
-            world.set_state(state)
-        np.testing.assert_array_equal(world.get_state(), before)
-
-
 # -- what a phase may change, and what it may not ----------------------------------------------------------------------
-
-ENGINES = [("ideal", "mujoco", 1), ("bodies", "mujoco", 1), ("bodies", "fused", 1), ("bodies", "fused", 2)]
 
 
 def in_a_flow(drift: list[float], **fields: Any) -> Scenario:
@@ -137,27 +107,6 @@ def in_a_flow(drift: list[float], **fields: Any) -> Scenario:
             **fields,
         }
     )
-
-
-@pytest.mark.parametrize(("backend", "engine", "threads"), ENGINES)
-def test_a_phase_brings_its_own_medium(
-    backend: str, engine: str, threads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Still water, then a current of 2 m/s, then still water again."""
-    monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 1)
-    still, moving = (in_a_flow(drift).system for drift in ([0.0, 0.0], [2.0, 0.0]))
-    run = on_engine([Phase(0, still), Phase(10, moving), Phase(25, still)], engine, threads)
-    stream_of = stream_ideal if backend == "ideal" else stream_physics
-    pieces = list(stream_of(run, 1000))
-    velocity = np.concatenate([piece.log.velocity for piece in pieces])[..., 0]
-    medium = np.concatenate([piece.log.medium for piece in pieces])[..., 0]
-    np.testing.assert_array_equal(medium, np.repeat([0.0, 2.0, 0.0], [10, 15, 6])[:, None] * np.ones(16))
-    assert not velocity[:10].any()
-    assert velocity[24] == pytest.approx(2.0, abs=1e-5)
-    assert np.abs(velocity[30]).max() < 0.02
-    expected = list(stream_physics(on_engine(run, "mujoco"), 1000)) if backend == "bodies" else pieces
-    ours, theirs = (np.concatenate([piece.positions for piece in each]) for each in (pieces, expected))
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("disturbed", [False, True])

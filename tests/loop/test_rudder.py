@@ -6,7 +6,6 @@ Oracles: lift and drag at an incidence; energy and mirror; pencil and paper for 
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -15,16 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mjsheaf import load_scenario, simulate
+from mjsheaf import simulate
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet
-from mjsheaf.loop.linear import HeldPoint, linearise
 from mjsheaf.loop.loop import STOPPED
 from mjsheaf.vehicles.actuators import AzimuthThruster, RudderThruster, aim, flow_wrench
 from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import Edit, alone, altered, ask, body, find, make_scenario, yaw_of
+from tests.builders import Edit, alone, altered, ask, body, make_scenario, setting, yaw_of
+from tests.loop.test_one_sided import errors, make_run
 
 Array = NDArray[np.float64]
 
@@ -83,20 +82,6 @@ def test_its_force_is_lift_and_drag_at_the_rudder(u: float, v: float, r: float, 
     assert abs(force[2]) < 1e-9
 
 
-@given(speeds, speeds, rates, deflections)
-def test_in_still_water_without_a_race_it_adds_no_energy(u: float, v: float, r: float, angle: float) -> None:
-    force, moment = flow_force([u, v, 0.0], [0.0, 0.0, r], 0.0, angle)
-    assert force @ [u, v, 0.0] + moment[2] * r <= 1e-12
-
-
-@given(speeds, speeds, rates, thrusts, deflections)
-def test_port_is_the_mirror_of_starboard(u: float, v: float, r: float, T: float, angle: float) -> None:
-    force, moment = flow_force([u, v, 0.0], [0.0, 0.0, r], T, angle)
-    other, turning = flow_force([u, -v, 0.0], [0.0, 0.0, -r], T, -angle)
-    np.testing.assert_allclose(other[:2], force[:2] * [1, -1], atol=1e-12)
-    assert turning[2] == pytest.approx(-moment[2], abs=1e-12)
-
-
 @given(deflections)
 def test_without_flow_there_is_no_force(angle: float) -> None:
     for part in flow_force(STILL, STILL, 0.0, angle):
@@ -109,11 +94,6 @@ def test_the_race_of_a_propeller_that_pushes_astern_does_not_pass_it() -> None:
     astern, _ = flow_force([1.0, 0.0, 0.0], STILL, -50.0, 0.2)
     assert ahead[1] > 1.5 * none[1] > 0.0
     np.testing.assert_array_equal(astern, none)
-
-
-def test_a_positive_deflection_turns_the_bow_to_starboard_ahead_and_to_port_astern() -> None:
-    for speed, sign in ((1.0, -1.0), (-1.0, 1.0)):
-        assert sign * flow_force([speed, 0.0, 0.0], STILL, 0.0, 0.2)[1][2] > 1.0
 
 
 # -- allocation --------------------------------------------------------------------------------------------------------
@@ -258,19 +238,6 @@ def test_a_lost_boat_leaves_its_rudder_where_it_is() -> None:
     assert world.data.act[own][0] < 1e-3 * MOST
 
 
-def test_its_loop_is_linear_in_a_current_and_not_at_rest() -> None:
-    """In a current, a velocity command of 1 along each axis is reached in the end."""
-    vehicle, control = load_vehicle(NAME), alone(NAME).system.control
-    current = np.array([-0.8, 0.0, 0.0])
-    still, model = linearise([HeldPoint(vehicle, w, 0.0) for w in (np.zeros(3), current)], control, 0.005, 1)
-    assert isinstance(still, str)
-    assert not isinstance(model, str)
-    factors = np.linalg.eigvals(model.A)
-    assert np.abs(factors).max() < 1.0
-    steady = model.C @ np.linalg.solve(np.eye(len(model.A)) - model.A, model.B) + model.D
-    np.testing.assert_allclose(steady / 0.005, np.eye(2), atol=1e-2)
-
-
 def scenario_of(count: int, end: float = 6.0) -> Any:
     return make_scenario(
         {
@@ -305,32 +272,8 @@ def test_engines_agree_and_the_deflection_is_recorded_in_rad() -> None:
 @pytest.mark.parametrize("target", [[4, 0], [0, 4], [-4, 0]])
 def test_a_target_that_is_near_is_not_left(target: list[float], heading: float) -> None:
     """Below 12 % of its speed it drifts instead of turning round: the residual is at most that over the gain."""
-    data = simulate(
-        load_scenario(
-            {
-                "time": {"end": 90.0},
-                "controller": {"gain": 0.2, "velocity_limit": 2},
-                "agents": [{"id": "A", "position": [0.0, 0.0], "vehicle": NAME, "heading": heading}],
-                "targets": [{"id": "T", "position": target}],
-                "sensing": [["A", "T"]],
-                "physics": {"timestep": 0.01},
-            }
-        ),
-        engine="fused",
-    )
-    error = data["tracking_error"].values[:, 0]
-    assert error[data["time"].values >= 80.0].max() < 0.12 * 3.09 / 0.2
-
-
-@pytest.mark.long
-def test_a_team_of_them_follows_as_well_as_otters() -> None:
-    """`otters` with one propeller and a rudder each: within 10 % of the RMS error over the last half."""
-    late = []
-    for name in ("otter", NAME):
-        error = simulate(load_scenario("otters", {"vehicles.agents": name}), "physics", engine="fused").tracking_error
-        half = error.values[len(error) // 2 :]
-        late.append(np.sqrt((half**2).mean()))
-    assert late[1] < 1.1 * late[0]
+    time, error = errors(make_run(NAME, target, heading=heading))
+    assert error[time >= 80.0].max() < 0.12 * 3.09 / 0.2
 
 
 # -- what is refused ---------------------------------------------------------------------------------------------------
@@ -341,33 +284,30 @@ def blade(**fields: Any) -> dict[str, Any]:
     return {"propeller": {**whole, "slipstream": 0.5, **fields}}
 
 
-def aslant(root: ElementTree.Element) -> None:
-    find(root, "default/default[@class='thruster']/site").set("zaxis", "1 1 0")
-
-
-def doubled(root: ElementTree.Element) -> None:
-    find(root, "default/default[@class='thruster']/general").set("gainprm", "2")
+PROPELLER = "default/default[@class='thruster']"
+NOT_AHEAD = r"actuators\.propeller: a rudder needs a propeller with a thrust straight ahead of 1 N"
 
 
 @pytest.mark.parametrize(
-    ("edit", "actuators", "message"),
+    ("name", "edit", "actuators", "message"),
     [
-        (aslant, blade(), r"actuators\.propeller: a rudder needs a propeller with a thrust straight ahead of 1 N"),
-        (doubled, blade(), r"actuators\.propeller: a rudder needs a propeller with a thrust straight ahead of 1 N"),
-        (None, blade(area=3.0, span=5.0), r"actuators\.propeller: its drag at full deflection exceeds the thrust"),
-        (None, blade(angle=90), r"actuators\.propeller\.angle: .*below 90"),
-        (None, blade(slipstream=0), r"actuators\.propeller\.slipstream: .*above 0"),
-        (None, {"propeller": {"kind": "rudder"}}, r"actuators\.propeller\.angle: missing"),
-        (None, blade(fin=1), r"actuators\.propeller\.fin: unknown field"),
+        ("submersible", None, {"x": blade()["propeller"]}, "a rudder steers a vehicle on the surface"),
+        (NAME, setting(f"{PROPELLER}/site", zaxis="1 1 0"), blade(), NOT_AHEAD),
+        (NAME, setting(f"{PROPELLER}/general", gainprm="2"), blade(), NOT_AHEAD),
+        (
+            NAME,
+            None,
+            blade(area=3.0, span=5.0),
+            r"actuators\.propeller: its drag at full deflection exceeds the thrust",
+        ),
+        (NAME, None, blade(angle=90), r"actuators\.propeller\.angle: .*below 90"),
+        (NAME, None, blade(slipstream=0), r"actuators\.propeller\.slipstream: .*above 0"),
+        (NAME, None, {"propeller": {"kind": "rudder"}}, r"actuators\.propeller\.angle: missing"),
+        (NAME, None, blade(fin=1), r"actuators\.propeller\.fin: unknown field"),
     ],
 )
 def test_descriptions_that_cannot_work_are_refused(
-    edit: Edit | None, actuators: dict[str, Any], message: str, tmp_path: Path
+    name: str, edit: Edit | None, actuators: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=message):
-        load_vehicle(altered(tmp_path, NAME, edit, actuators=actuators))
-
-
-def test_a_vehicle_in_a_volume_has_no_rudder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="a rudder steers a vehicle on the surface"):
-        load_vehicle(altered(tmp_path, "submersible", actuators={"x": blade()["propeller"]}))
+        load_vehicle(altered(tmp_path, name, edit, actuators=actuators))

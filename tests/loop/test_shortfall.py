@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjsheaf import load_scenario, simulate
+from mjsheaf import simulate
 from mjsheaf.scenario.slips import slips_of_vehicle
 from mjsheaf.vehicles.effects import Effects, embody, shortfalls_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import AttitudeHold
+from tests.builders import pursuit
 from tests.commands import answer_of
 
 INERTIA = 2.4e-5  # kg m^2
@@ -43,20 +44,13 @@ def drone(folder: Path, moment: float, **changes: float) -> str:
 
 def drop(vehicle: str) -> float:
     """Return how far a drone falls below its place while it follows a moving target at a modest gain, m."""
-    scenario = load_scenario(
-        {
-            "time": {"end": 40},
-            "controller": {"gain": 0.5},
-            "agents": [{"id": "A", "position": [0, 0, 50], "vehicle": vehicle}],
-            "targets": [
-                {
-                    "id": "T",
-                    "position": [20, 0, 50],
-                    "motion": {"kind": "lissajous", "amplitude": [5, 5, 0], "rate": [0.3, 0.4, 0]},
-                }
-            ],
-            "sensing": [["A", "T"]],
-        }
+    scenario = pursuit(
+        [0, 0, 50],
+        [20, 0, 50],
+        {"vehicle": vehicle},
+        time={"end": 40},
+        controller={"gain": 0.5},
+        target_motion={"kind": "lissajous", "amplitude": [5, 5, 0], "rate": [0.3, 0.4, 0]},
     )
     return 50.0 - float(simulate(scenario, engine="fused")["agent_position"].values[:, 0, 2].min())
 

@@ -92,17 +92,6 @@ def test_each_vehicle_has_random_numbers_of_its_own(engine: str) -> None:
     assert np.abs(found[:, 0] - found[:, 1]).max() > 0.1
 
 
-def test_components_of_others_change_no_disturbance() -> None:
-    """More harmonics of the targets pad those of agents with zeros."""
-    fields = team("ABC")
-    usual = make_scenario(fields).system.harmonics
-    fields["disturbance"]["targets"]["components"] = 17
-    padded = make_scenario(fields).system.harmonics
-    assert padded.shape[1] == 17
-    np.testing.assert_array_equal(padded[:3, :5], usual[:3])
-    np.testing.assert_array_equal(padded[:3, 5:], 0.0)
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 def test_padding_changes_no_sum(engine: str) -> None:
     """Targets go their way to the bit whatever number of harmonics agents have."""

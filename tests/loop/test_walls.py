@@ -7,7 +7,6 @@ import pytest
 
 import mjsheaf
 from mjsheaf import load_scenario, simulate
-from mjsheaf.errors import InputError
 from mjsheaf.law.obstacles import centres, distances
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.vehicles.arena import PREFIX
@@ -107,8 +106,3 @@ def test_a_state_has_moving_obstacles() -> None:
         own.step(300)
     np.testing.assert_array_equal(one.data.qpos, other.data.qpos)
     np.testing.assert_array_equal(one.data.mocap_pos, other.data.mocap_pos)
-
-
-def test_the_fused_engine_refuses_contacts() -> None:
-    with pytest.raises(InputError, match=r"physics\.contacts"):
-        simulate(load_scenario("swap", {"physics.contacts": True, "time.end": 0.1}), engine="fused")

@@ -335,30 +335,27 @@ def test_a_hull_that_something_holds_fast_is_stuck_in_any_wind(boat: str) -> Non
     assert (_limited(given.system, data) == 1.0).all()
 
 
+WINDAGE: dict[str, Any] = {"area": [1, 2], "coefficients": [0.5, 0.7, 0.1], "height": 1}
+
+
 @pytest.mark.parametrize(
     ("windage", "words"),
     [
-        ({"area": [1, 0], "coefficients": [0.5, 0.7, 0.1], "height": 1}, r"windage\.area"),
-        ({"area": [1], "coefficients": [0.5, 0.7, 0.1], "height": 1}, r"windage\.area"),
-        ({"area": [1, 2], "coefficients": [0.5, -0.7, 0.1], "height": 1}, r"windage\.coefficients"),
-        ({"area": [1, 2], "coefficients": [0.5, 0.7, 0.1]}, r"windage\.height"),
-        ({"area": [1, 2], "coefficients": [0.5, 0.7, 0.1], "height": 1, "length": 0}, r"windage\.length"),
+        (None, "windage is that of a vehicle on the surface"),  # of an aircraft
+        ({**WINDAGE, "area": [1, 0]}, r"windage\.area"),
+        ({**WINDAGE, "area": [1]}, r"windage\.area"),
+        ({**WINDAGE, "coefficients": [0.5, -0.7, 0.1]}, r"windage\.coefficients"),
+        ({key: WINDAGE[key] for key in ("area", "coefficients")}, r"windage\.height"),
+        ({**WINDAGE, "length": 0}, r"windage\.length"),
     ],
 )
-def test_bad_windage_is_refused(windage: dict[str, Any], words: str, tmp_path: Path) -> None:
+def test_bad_windage_is_refused(windage: dict[str, Any] | None, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words):
-        load_vehicle(altered(tmp_path, "otter", windage=windage))
-
-
-def test_windage_is_for_hulls(tmp_path: Path) -> None:
-    windage = {"area": [1, 2], "coefficients": [0.5, 0.7, 0.1], "height": 1}
-    with pytest.raises(InputError, match="windage is that of a vehicle on the surface"):
-        load_vehicle(altered(tmp_path, "x500", windage=windage))
+        load_vehicle(altered(tmp_path, "otter" if windage else "x500", windage=windage or WINDAGE))
 
 
 def test_the_length_is_the_size_unless_given(tmp_path: Path) -> None:
-    windage = {"area": [1, 2], "coefficients": [0.5, 0.7, 0.1], "height": 1}
-    vehicle = load_vehicle(altered(tmp_path, "otter", windage=windage))
+    vehicle = load_vehicle(altered(tmp_path, "otter", windage=WINDAGE))
     assert vehicle.windage[2] == pytest.approx(-AIR_DENSITY * 0.1 * 2.0 * vehicle.size)
 
 

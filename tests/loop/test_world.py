@@ -5,7 +5,6 @@ Oracles: one step at a time by hand with MuJoCo's own mj_step; where bodies can 
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, find, make_scenario, mixed_scenario, refused
+from tests.builders import make_scenario, mixed_scenario, pursuit, refused
 from tests.running import run_physics
 
 Array = NDArray[np.float64]
@@ -40,17 +39,6 @@ def test_the_initial_condition_is_the_scenarios() -> None:
     assert world.model.ngeom > 0
     assert world.data.ctrl.any()  # the loop is closed from the start
     assert world.steps_per_sample == 10
-
-
-def test_many_steps_are_single_steps() -> None:
-    """Bit for bit, across control periods."""
-    one, many = World(mixed_scenario()), World(mixed_scenario())
-    for _ in range(237):
-        one.step()
-    for n in (100, 7, 0, 130):
-        many.step(n)
-    assert one.time == many.time == pytest.approx(0.237)
-    assert bits(one) == bits(many)
 
 
 @pytest.mark.parametrize("period", [0.01, 0.0], ids=["held", "continuous"])
@@ -87,19 +75,6 @@ def test_the_law_is_held_between_its_samples() -> None:
     assert changes == [2, 19]
 
 
-def test_reset_begins_again() -> None:
-    world = World(mixed_scenario(disturbance={"agents": {"bound": 1.0}}))
-    start = bits(world)
-    world.step(120)
-    end = bits(world)
-    assert end != start
-    world.reset()
-    assert world.time == 0.0
-    assert bits(world) == start
-    world.step(120)
-    assert bits(world) == end
-
-
 def test_start_time_is_respected() -> None:
     scenario = mixed_scenario(time={"start": 2.5, "end": 3.0})
     world = World(scenario)
@@ -108,15 +83,6 @@ def test_start_time_is_respected() -> None:
     assert world.time == pytest.approx(3.0, abs=1e-12)
     trajectory = run_physics(scenario.system)
     np.testing.assert_allclose(trajectory.time, np.linspace(2.5, 3.0, 51), atol=1e-12)
-
-
-def test_a_run_is_the_world_stepped() -> None:
-    scenario = mixed_scenario(time={"end": 0.2})
-    trajectory, world = run_physics(scenario.system), World(scenario)
-    assert trajectory.status == "finished"
-    for k in range(21):
-        np.testing.assert_array_equal(trajectory.positions[k], world.positions())
-        world.step(world.steps_per_sample)
 
 
 def test_what_is_only_to_be_seen_does_not_matter() -> None:
@@ -128,17 +94,6 @@ def test_what_is_only_to_be_seen_does_not_matter() -> None:
         world.step(800)
     np.testing.assert_array_equal(seen.data.qpos, unseen.data.qpos)
     np.testing.assert_array_equal(seen.data.qvel, unseen.data.qvel)
-
-
-def test_one_run_gives_the_bits_of_another() -> None:
-    scenario = mixed_scenario(
-        time={"end": 0.5}, disturbance={"agents": {"bound": 1.0}}, spread={"position": 1.0, "heading": 90}
-    )
-    one, again = (run_physics(scenario.system) for _ in range(2))
-    for name, values, same in zip(one.log._fields, one.log, again.log, strict=True):
-        assert np.asarray(values).tobytes() == np.asarray(same).tobytes(), name
-    other = run_physics(scenario.model_copy(update={"seed": 1}).system)
-    assert np.any(other.positions != one.positions)
 
 
 def test_the_height_of_the_water_does_not_matter_in_the_plane() -> None:
@@ -159,37 +114,11 @@ def test_forces_of_the_users_own_are_felt() -> None:
 
 
 def test_a_vehicle_must_fit_its_agent() -> None:
-    agents = [{"id": "A", "position": [0, 0], "vehicle": "aerial"}]
     with refused(InputError, "agents.A.vehicle", "aerial", 3, 2):
-        World(
-            make_scenario({"agents": agents, "targets": [{"id": "T", "position": [0, 0, 0]}], "sensing": [["A", "T"]]})
-        )
-
-
-def test_thrusters_can_be_altered_and_the_trajectory_holds(tmp_path: Path) -> None:
-    """One weaker, one moved, one turned: other commands, the same motion, because the allocation follows the model."""
-
-    def edit(root: Any) -> None:
-        actuators = find(root, "actuator")
-        actuators[0].set("gainprm", "0.25")
-        find(root, f".//site[@name='{actuators[1].get('site')}']").set("pos", "0.8 -0.5 0")
-        find(root, f".//site[@name='{actuators[2].get('site')}']").set("zaxis", "1 0.3 0")
-
-    scenario = mixed_scenario(time={"end": 0.5})
-    agents = [a.model_dump(exclude_none=True) for a in scenario.agents]
-    agents[0]["vehicle"] = altered(tmp_path, "hull", edit)
-    one, other = run_physics(scenario.system), run_physics(mixed_scenario(time={"end": 0.5}, agents=agents).system)
-    np.testing.assert_allclose(other.positions, one.positions, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(other.log.quaternions, one.log.quaternions, rtol=0, atol=1e-9)
-    assert np.abs(other.log.thruster_command[:, :4] - one.log.thruster_command[:, :4]).max() > 1000.0
+        World(pursuit([0, 0], [0, 0, 0], {"vehicle": "aerial"}))
 
 
 # -- blow-up ---------------------------------------------------------------------------------------------------------
-
-
-def test_autoreset_is_off() -> None:
-    world = World(mixed_scenario())
-    assert world.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
 @pytest.mark.parametrize("value", [1e12, -1e12, np.nan, np.inf])

@@ -68,35 +68,6 @@ def test_velocity_is_that_of_the_published_run(name: str) -> None:
     np.testing.assert_allclose(of_facts(facts).velocity(points), expected, rtol=1e-12, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", SETS)
-def test_velocity_does_not_burst_at_a_core(name: str) -> None:
-    """With core c a source gives at most alpha / 2c in the plane, 2 alpha / (3 sqrt 3 c^2) in space."""
-    facts = FACTS[name]
-    field, c = of_facts(facts), facts["core"]
-    strength = sum(abs(row[-1]) for row in facts["sources"])
-    bound = strength / (2 * c) if facts["dimension"] == 2 else 2 * strength / (3 * np.sqrt(3.0) * c**2)
-    bound += sum(abs(row[-1]) for row in facts["vortices"]) / (2 * c)
-    bound += sum(abs(row[2]) for row in facts["gaussian_channels"]) + np.linalg.norm(facts["drift"])
-    rng = np.random.default_rng(1)
-    close = [p + 0.2 * rng.standard_normal((500, len(p))) for p in singular_points(facts)]
-    speed = np.linalg.norm(field.velocity(np.concatenate(close)), axis=1)
-    assert speed.max() <= bound
-    assert speed.max() > 0.2 * bound  # and the bound says something
-
-
-@pytest.mark.parametrize("name", SETS)
-@pytest.mark.parametrize("distance", [0.02, 0.15, 1.0, 10.0], ids=lambda d: f"within {d} m of a core")
-def test_jacobian_is_the_derivative(name: str, distance: float) -> None:
-    facts = FACTS[name]
-    field = of_facts(facts)
-    rng = np.random.default_rng(2)
-    for p in singular_points(facts):
-        for x in p + distance * rng.uniform(-1, 1, (5, len(p))):
-            expected = differences(field, x, 1e-3)
-            size = max(1.0, float(np.abs(expected).max()))
-            np.testing.assert_allclose(flow_jacobian(field, x), expected, atol=3e-6 * size)
-
-
 @given(st.integers(0, 2**31), st.sampled_from([2, 3]), st.sampled_from([2, 3]))
 def test_any_field_has_its_derivative(seed: int, dimension: int, of_points: int) -> None:
     """Random kernels, axes that are not unit vectors, and points of either dimension."""
@@ -114,36 +85,14 @@ def test_any_field_has_its_derivative(seed: int, dimension: int, of_points: int)
         np.testing.assert_allclose(flow_jacobian(field, x), differences(field, x, 1e-3), atol=1e-7)
 
 
-def test_a_source_in_the_plane_diverges_only_at_its_core() -> None:
-    """Its divergence is 2 alpha c^2 / s^2, that of a vortex is zero; the flux through a far circle is 2 pi alpha."""
-    source, vortex = field_of(2, 0.1, sources=[[0, 0, 3.0]]), field_of(2, 0.1, vortices=[[0, 0, 3.0]])
-    points = np.random.default_rng(3).uniform(-1, 1, (50, 2))
-    s = np.sum(points**2, axis=1) + 0.01
-    np.testing.assert_allclose(
-        np.trace(flow_jacobian(source, points), axis1=1, axis2=2), 2 * 3.0 * 0.01 / s**2, rtol=1e-9, atol=1e-9
-    )
-    np.testing.assert_allclose(np.trace(flow_jacobian(vortex, points), axis1=1, axis2=2), 0.0, atol=1e-10)
-    J = flow_jacobian(vortex, [50.0, 20.0])
-    np.testing.assert_allclose(J, J.T, atol=1e-7)  # no rotation far from the core
-
-
-def test_a_planar_field_ignores_height() -> None:
-    field = of_facts(FACTS["agent_field"])
+def test_a_planar_field_ignores_height_and_one_in_space_takes_planar_points_at_height_zero() -> None:
+    planar, spatial = (of_facts(FACTS[name]) for name in SETS)
     points = np.random.default_rng(4).uniform(-5, 5, (50, 3))
-    w, J = field.velocity(points), flow_jacobian(field, points)
-    np.testing.assert_array_equal(w[:, :2], field.velocity(points[:, :2]))
+    w = planar.velocity(points)
+    np.testing.assert_array_equal(w[:, :2], planar.velocity(points[:, :2]))
     np.testing.assert_array_equal(w[:, 2], 0.0)
-    np.testing.assert_array_equal(J[:, :2, :2], flow_jacobian(field, points[:, :2]))
-    np.testing.assert_array_equal(J[:, 2], 0.0)
-    np.testing.assert_array_equal(J[:, :, 2], 0.0)
-
-
-def test_a_field_in_space_takes_planar_points_at_height_zero() -> None:
-    field = of_facts(FACTS["target_field"])
-    points = np.random.default_rng(5).uniform(-5, 5, (50, 2))
-    at_zero = np.column_stack([points, np.zeros(50)])
-    np.testing.assert_array_equal(field.velocity(points), field.velocity(at_zero)[:, :2])
-    np.testing.assert_array_equal(flow_jacobian(field, points), flow_jacobian(field, at_zero)[:, :2, :2])
+    at_zero = points * [1, 1, 0]
+    np.testing.assert_array_equal(spatial.velocity(points[:, :2]), spatial.velocity(at_zero)[:, :2])
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -151,33 +100,15 @@ def test_a_field_in_space_takes_planar_points_at_height_zero() -> None:
 def test_many_points_at_once_are_the_points_one_by_one(name: str, shape: tuple[int, ...]) -> None:
     field, d = of_facts(FACTS[name]), FACTS[name]["dimension"]
     points = np.random.default_rng(6).standard_normal((*shape, d))
-    w, J = field.velocity(points), flow_jacobian(field, points)
+    w = field.velocity(points)
     assert w.shape == (*shape, d)
-    assert J.shape == (*shape, d, d)
     for index in np.ndindex(*shape):
         np.testing.assert_array_equal(w[index], field.velocity(points[index]))
-        np.testing.assert_allclose(J[index], flow_jacobian(field, points[index]), rtol=1e-13, atol=1e-15)
-
-
-def test_kernels_add() -> None:
-    facts = FACTS["target_field"]
-    channels = [[*c, *d, *rest] for c, d, *rest in facts["gaussian_channels"]]
-    parts = [
-        FlowField(dimension=3, drift=facts["drift"]),
-        *(field_of(3, facts["core"], sources=[row]) for row in facts["sources"]),
-        *(field_of(3, facts["core"], vortices=[row]) for row in facts["vortices"]),
-        *(field_of(3, channels=[row]) for row in channels),
-    ]
-    points = np.random.default_rng(7).uniform(-4, 4, (50, 3))
-    total = of_facts(facts)
-    np.testing.assert_allclose(total.velocity(points), sum(p.velocity(points) for p in parts), atol=1e-13)
-    np.testing.assert_allclose(flow_jacobian(total, points), sum(flow_jacobian(p, points) for p in parts), atol=1e-11)
 
 
 def test_no_kernels_no_flow() -> None:
     still = field_of(2)
     np.testing.assert_array_equal(still.velocity(np.ones((3, 2))), np.zeros((3, 2)))
-    np.testing.assert_array_equal(flow_jacobian(still, np.ones((3, 2))), np.zeros((3, 2, 2)))
 
 
 def test_decay_in_python_has_the_bits_of_the_compiled_one() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import check, simulate
+from mjsheaf import check, medium, simulate
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import Log
@@ -39,6 +39,13 @@ def pieces_of(run: Any, backend: str, engine: str) -> dict[str, np.ndarray]:
     stream = stream_ideal if backend == "ideal" else stream_physics
     logs = [piece.log for piece in stream(on_engine(phases, engine), 1000)]
     return {name: np.concatenate([getattr(log, name) for log in logs]) for name in Log._fields}
+
+
+def assert_met(scenario: Scenario, log: dict[str, np.ndarray], places: str = "positions") -> None:
+    """Require that vehicles met what `medium` returns for where and when they were."""
+    for v, member in enumerate(scenario.team.members):
+        met = medium(scenario).velocity(member.id, scenario.system.grid.samples, log[places][:, v])
+        np.testing.assert_allclose(log["medium"][:, v], met, rtol=0, atol=1e-12, err_msg=member.id)
 
 
 @pytest.mark.parametrize(("backend", "engine"), BACKENDS)

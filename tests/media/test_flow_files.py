@@ -20,7 +20,9 @@ import mjsheaf
 from mjsheaf.errors import InputError
 from mjsheaf.media.flow_files import Reading, propose, read_flow
 from mjsheaf.media.gridded import GriddedFlow
+from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import load_scenario, scenario_from_mapping
+from tests.builders import pursuit
 
 LATITUDE, LONGITUDE = 43.0, 7.0
 U, V = 0.3, -0.1
@@ -575,15 +577,7 @@ def test_the_run_meets_the_wind_of_a_turned_grid(place: Path) -> None:
     file, _, _ = projected("polar_stereographic", "m", "grid")
     file.write(place)
     air = {"kind": "gridded", "path": str(place), "origin": [62.0, 5.0]}
-    raw = {
-        "name": "turned",
-        "time": {"end": 1.0},
-        "agents": [{"id": "A", "position": [0, 0, 10]}],
-        "targets": [{"id": "T", "position": [5, 5, 10]}],
-        "sensing": [["A", "T"]],
-        "flow": {"air": air},
-    }
-    scenario = scenario_from_mapping(raw)
+    scenario = pursuit([0, 0, 10], [5, 5, 10], time={"end": 1.0}, flow={"air": air})
     degree = np.radians(1.0) * 6_371_000.0
     found = mjsheaf.medium(scenario).velocity("A", [0.0, 0.5], [[0.0, 0.0, 10.0], [1500.0, 700.0, 10.0]])
     assert found[0, :2] == pytest.approx([10.0, 4.0], abs=1e-6)
@@ -666,6 +660,7 @@ def test_distances_by_unit_and_direction(place: Path) -> None:
     deep.write(place)
     assert read(place).notes == ("the flow is that of level 10 m, the nearest to the surface in its file",)
     decide(deep, place, "depth: 21 m is beyond the file's; expected up to 20 m", depth=21.0)
+    decide(current(), place, "depth: the file has no axis of depth or height; expected none, not 3 m", depth=3.0)
 
 
 @pytest.mark.slow
@@ -851,28 +846,22 @@ def test_c_grids_without_coordinates_are_refused(place: Path) -> None:
 # -- content -------------------------------------------------------------------------------------------------------
 
 
-def scenario(path: Path, **water: Any) -> dict[str, Any]:
-    return {
-        "name": "boat",
-        "time": {"end": 2.0},
-        "agents": [{"id": "A", "position": [0, 0]}],
-        "targets": [{"id": "T", "position": [5, 5]}],
-        "sensing": [["A", "T"]],
-        "flow": {"water": {"kind": "gridded", "path": str(path), "origin": [LATITUDE, LONGITUDE], **water}},
-    }
+def scenario(path: Path) -> Scenario:
+    water = {"kind": "gridded", "path": str(path), "origin": [LATITUDE, LONGITUDE]}
+    return pursuit([0, 0], [5, 5], time={"end": 2.0}, flow={"water": water})
 
 
 def test_a_file_that_is_replaced_is_read_anew_and_the_earlier_run_is_not_saved_with_it(
     place: Path, tmp_path: Path
 ) -> None:
     current().write(place)
-    early = scenario_from_mapping(scenario(place))
+    early = scenario(place)
     run = mjsheaf.simulate(early, "ideal")
     stamp = place.stat()
     current().set("uo", np.full((3, 4, 5), -0.7)).write(tmp_path / "new.nc")
     place.write_bytes((tmp_path / "new.nc").read_bytes())
     os.utime(place, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
-    late = mjsheaf.simulate(scenario_from_mapping(scenario(place)), "ideal")
+    late = mjsheaf.simulate(scenario(place), "ideal")
     assert late.agent_flow.values[0, 0, 0] == -0.7
     assert mjsheaf.simulate(early, "ideal").agent_flow.values[0, 0, 0] == U  # what it has read, it keeps
     with pytest.raises(InputError, match=r"flow\.water\.path: .*flow.nc has changed since"):
@@ -885,10 +874,12 @@ def test_a_file_that_is_replaced_is_read_anew_and_the_earlier_run_is_not_saved_w
 @pytest.mark.slow
 def test_the_copy_of_a_run_is_what_it_met(place: Path, tmp_path: Path) -> None:
     current().write(place)
-    run = mjsheaf.simulate(scenario_from_mapping(scenario(place)), "ideal")
+    run = mjsheaf.simulate(scenario(place), "ideal")
     mjsheaf.save(run, tmp_path / "run", video=False)
+    assert list((tmp_path / "run" / "vehicles").rglob("*.nc"))
+    (tmp_path / "run").rename(tmp_path / "moved")
     place.unlink()
-    again = mjsheaf.simulate(load_scenario(tmp_path / "run" / "scenario.yaml"), "ideal")
+    again = mjsheaf.simulate(load_scenario(tmp_path / "moved" / "scenario.yaml"), "ideal")
     assert np.array_equal(again.agent_position, run.agent_position, equal_nan=True)
 
 

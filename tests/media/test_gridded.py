@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import mjsheaf
 from mjsheaf.errors import InputError, UnstableError
@@ -59,12 +58,6 @@ def test_the_flow_of_a_file_is_the_analytic_one_with_an_error_of_second_order(tm
     assert errors[2] < 1e-3
 
 
-def test_nodes_are_met_exactly(file: Path) -> None:
-    x, y, t = 35.0, 45.0, 30.0
-    found = mjsheaf.medium(in_flow(file)).velocity("buoy", [t], [x, y, 0.0])[0, :2]
-    assert found == pytest.approx(np.array(double_gyre.velocity(*np.array([x, y, t]))), abs=1e-9)
-
-
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_a_free_buoy_drifts_along_the_analytic_flow(file: Path, backend: str) -> None:
     scenario = in_flow(file, time={"end": 20.0}, vehicles={"tau": 0.05}, physics={"timestep": 0.02, "contacts": False})
@@ -112,13 +105,6 @@ def test_places_and_times_beyond_the_file_are_refused_with_the_numbers(file: Pat
         in_flow(tmp_path / "text.nc")
 
 
-def test_start_shifts_the_time_of_the_file(file: Path) -> None:
-    early, late = in_flow(file), in_flow(file, water={"start": "2026-05-01T00:01:40"})
-    place = [30.0, 40.0, 0.0]
-    shifted = mjsheaf.medium(late).velocity("buoy", [5.0], place)
-    assert shifted == pytest.approx(mjsheaf.medium(early).velocity("buoy", [105.0], place), abs=1e-12)
-
-
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_a_vehicle_that_meets_land_runs_aground(tmp_path: Path, backend: str) -> None:
     path = tmp_path / "land.nc"
@@ -133,58 +119,11 @@ def test_a_vehicle_that_meets_land_runs_aground(tmp_path: Path, backend: str) ->
             session.step()
 
 
-def test_curvilinear_grids_are_refused_and_other_units_converted(file: Path, tmp_path: Path) -> None:
-    with xr.open_dataset(file) as data:
-        turned = data.rename(lat="j", lon="i").drop_vars(["i", "j"])
-        turned = turned.assign_coords(lat=(("j", "i"), np.zeros((21, 41))), lon=(("j", "i"), np.zeros((21, 41))))
-        turned.to_netcdf(tmp_path / "curved.nc", engine="h5netcdf")
-        slow = 100.0 * data[["uo", "vo"]]
-        for name in ("uo", "vo"):
-            slow[name].attrs = {**data[name].attrs, "units": "cm s-1"}
-        slow.to_netcdf(tmp_path / "slow.nc", engine="h5netcdf")
-    with pytest.raises(InputError, match="curvilinear"):
-        in_flow(tmp_path / "curved.nc")
-    place, at = [30.0, 40.0, 0.0], [7.0]
-    found = mjsheaf.medium(in_flow(tmp_path / "slow.nc")).velocity("buoy", at, place)
-    assert found == pytest.approx(mjsheaf.medium(in_flow(file)).velocity("buoy", at, place), rel=1e-12)
-
-
-def test_a_depth_is_interpolated_between_the_levels_of_a_file(file: Path, tmp_path: Path) -> None:
-    with xr.open_dataset(file) as data:
-        levels = [data * factor for factor in (1.0, 0.5)]
-        for part in levels:
-            for name in ("uo", "vo"):
-                part[name].attrs = data[name].attrs
-        deep = xr.concat(levels, dim="depth").assign_coords(depth=[0.5, 10.5])
-        deep["depth"].attrs = {"standard_name": "depth", "positive": "down"}
-        deep.to_netcdf(tmp_path / "deep.nc", engine="h5netcdf")
-    place, at = [30.0, 40.0, 0.0], [7.0]
-    surface = mjsheaf.medium(in_flow(file)).velocity("buoy", at, place)
-    for depth, factor in ((0.0, 1.0), (5.5, 0.75), (10.5, 0.5)):
-        found = mjsheaf.medium(in_flow(tmp_path / "deep.nc", water={"depth": depth})).velocity("buoy", at, place)
-        assert found == pytest.approx(factor * surface, abs=1e-12)
-    with pytest.raises(InputError, match=r"depth: 11 m is beyond the file's; expected up to 10\.5 m"):
-        in_flow(tmp_path / "deep.nc", water={"depth": 11.0})
-    with pytest.raises(InputError, match=r"depth: the file has no axis of depth or height; expected none, not 3 m"):
-        in_flow(file, water={"depth": 3.0})
-
-
 @pytest.mark.slow
 def test_check_bounds_a_gridded_flow(file: Path) -> None:
     third = mjsheaf.check(in_flow(file), trial=False)["assumptions"][2]
     assert third["holds"]
     assert third["value"] == pytest.approx(in_flow(file).system.moving_bounds.speed.max())
-
-
-@pytest.mark.long
-def test_a_run_keeps_a_copy_of_its_file_and_can_be_run_again(tmp_path: Path) -> None:
-    scenario = mjsheaf.load_scenario("double_gyre", {"time.end": 1.0})
-    first = mjsheaf.simulate(scenario, backend="ideal")
-    mjsheaf.save(first, tmp_path / "run")
-    assert (tmp_path / "run" / "vehicles" / "double_gyre" / "double_gyre.nc").is_file()
-    (tmp_path / "run").rename(tmp_path / "moved")
-    again = mjsheaf.simulate(mjsheaf.load_scenario(tmp_path / "moved" / "scenario.yaml"), backend="ideal")
-    assert np.array_equal(again.agent_position, first.agent_position, equal_nan=True)
 
 
 def test_an_event_cannot_name_a_file(file: Path) -> None:

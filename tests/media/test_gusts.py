@@ -14,7 +14,6 @@ from mjsheaf.media.gusts import FOOT, OUTPUT, Gusts, discretise
 from mjsheaf.media.medium import pack_parts
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario
-from tests.media.test_flow_events import pieces_of
 
 STEPS = [0.002, 0.02, 0.5]
 DRIFT = [3.0, 4.0, 0.0]
@@ -182,28 +181,6 @@ def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: 
         # The mean square of the difference, whose error is small where the correlation is close to 1.
         expected = 2.0 * sigma**2 * (1.0 - theory)
         assert np.mean((there - here) ** 2, axis=0) == pytest.approx(expected, rel=0.15)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("frozen", [False, True])
-def test_a_run_meets_the_gusts_that_medium_returns(frozen: bool) -> None:
-    """On ideal kinematics; `test_on_bodies` has the others."""
-    scenario = gusty({"frozen": frozen})
-    log = pieces_of(scenario.phases, "ideal", "mujoco")
-    system = scenario.system
-    times = system.grid.samples
-    for v, member in enumerate(scenario.team.members):
-        met = mjsheaf.medium(scenario).velocity(member.id, times, log["positions"][:, v])
-        assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
-
-
-@pytest.mark.slow
-def test_a_held_gust_moves_a_lone_vehicle_by_its_velocity_times_the_period() -> None:
-    scenario = gusty({}, controller={"gain": 1e-9, "control_period": 0.02}, disturbance={}, physics={"timestep": 0.02})
-    log = pieces_of(scenario.phases, "ideal", "mujoco")
-    v = scenario.team.index[next(id for id in aloft(scenario) if id in scenario.team.agent_ids)]
-    moved = np.diff(log["positions"][:, v], axis=0)
-    assert moved == pytest.approx(0.02 * (log["medium"][:-1, v] + log["command"][:-1, v]), abs=1e-9)
 
 
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])

@@ -4,18 +4,19 @@ Each is tried alone on ideal kinematics, next to its formulas. On bodies a loop 
 half a minute, so that there is one of all, which begins, ends and begins again.
 """
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-import mjsheaf
 from tests.builders import mixed_scenario
-from tests.media.test_flow_events import pieces_of
+from tests.media.test_flow_events import assert_met, pieces_of
 from tests.media.test_gusts import DRIFT, FIXED
 from tests.media.test_varying import RAMP, TIDE, VORTEX
 from tests.media.test_waves import JONSWAP
 
 AIR = {"dimension": 3, "drift": DRIFT, "gusts": FIXED}
-WATER = {
+WATER: dict[str, Any] = {
     "dimension": 2,
     "core": 0.7,
     "tide": TIDE,
@@ -24,6 +25,20 @@ WATER = {
     "waves": {**JONSWAP, "spreading": "cos2"},
     "gusts": {**FIXED, "frozen": True},
 }
+
+
+@pytest.mark.slow(each=True)
+@pytest.mark.parametrize(
+    "flow",
+    [
+        pytest.param({"air": AIR}, id="gusts"),
+        pytest.param({"air": {**AIR, "gusts": {**FIXED, "frozen": True}}}, id="frozen", marks=pytest.mark.long),
+        pytest.param({"water": {"dimension": 2, "waves": WATER["waves"]}}, id="waves"),
+    ],
+)
+def test_a_run_on_ideal_kinematics_meets_what_medium_returns(flow: dict[str, Any]) -> None:
+    scenario = mixed_scenario(flow=flow, time={"end": 0.4})
+    assert_met(scenario, pieces_of(scenario.phases, "ideal", "mujoco"))
 
 
 @pytest.mark.long
@@ -36,10 +51,8 @@ def test_a_run_meets_all_that_moves_before_and_after_events(engine: str) -> None
     ]
     scenario = mixed_scenario(flow={"water": WATER, "air": AIR}, time={"end": 0.4}, events=changes)
     assert [len(phase.system.moving) for phase in scenario.phases] == [4, 4, 0, 4]
-    log, times = pieces_of(scenario.phases, "physics", engine), scenario.system.grid.samples
-    for v, member in enumerate(scenario.team.members):
-        met = mjsheaf.medium(scenario).velocity(member.id, times, log["origin"][:, v])
-        assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
+    log = pieces_of(scenario.phases, "physics", engine)
+    assert_met(scenario, log, "origin")
     assert not log["medium"][20:30].any()
     for part in (slice(0, 20), slice(30, None)):
         assert np.linalg.norm(log["medium"][part], axis=-1).all()

@@ -10,7 +10,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.media.medium import moving_along
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario
-from tests.media.test_flow_events import pieces_of
+from tests.media.test_flow_events import assert_met, pieces_of
 
 TIDE = {"amplitude": 0.8, "minor": 0.2, "period": 50.0, "direction": 30.0, "phase": 20.0}
 RAMP = {"velocity": [0.5, -0.3], "start": 2.0, "end": 6.0}
@@ -80,10 +80,7 @@ def test_events_set_what_moves() -> None:
     flow = {"water": {"dimension": 2, "tide": TIDE}, "air": {"dimension": 3}}
     scenario = mixed_scenario(flow=flow, time={"end": 0.4}, events=changes)
     log = pieces_of(scenario.phases, "ideal", "mujoco")
-    times = scenario.system.grid.samples
-    for v, member in enumerate(scenario.team.members):
-        met = mjsheaf.medium(scenario).velocity(member.id, times, log["positions"][:, v])
-        assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
+    assert_met(scenario, log)
     front = log["medium"][:, scenario.team.index["front"]]
     assert not front[:20].any()
     assert front[20:].any(axis=1).all()

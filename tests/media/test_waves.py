@@ -12,7 +12,7 @@ from mjsheaf.media.medium import advance, new_state, surface_about
 from mjsheaf.media.waves import GRAVITY, Waves, wave_numbers
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
-from tests.builders import mixed_scenario
+from tests.builders import mixed_scenario, pursuit
 from tests.media.test_flow_events import pieces_of
 
 PM = {"kind": "pierson_moskowitz", "significant_height": 1.0, "peak_period": 2.0 * np.pi}
@@ -92,16 +92,6 @@ def test_velocity_and_elevation_are_airys_sums(depth: float | None, spreading: s
     assert scenario.system.largest_disturbance[scenario.team.index["boat"]] == pytest.approx(np.sum(speed * surface))
 
 
-def test_the_water_below_the_surface_is_irrotational_and_keeps_its_volume() -> None:
-    probe, h = mjsheaf.medium(sea({**JONSWAP, "spreading": "cos2", "depth": 6.0})), 1e-4
-    for point in np.random.default_rng(1).uniform([-9, -9, -5], [9, 9, -1], (5, 3)):
-        around = [probe.velocity("diver", [2.0, 2.0], point + h * np.outer([1, -1], axis)) for axis in np.eye(3)]
-        J = np.array([(pair[0] - pair[1]) / (2.0 * h) for pair in around])
-        assert abs(np.trace(J)) < 1e-7
-        assert pytest.approx(J.T, abs=1e-7) == J
-    assert abs(probe.velocity("diver", [3.0], [1.0, 1.0, -6.0])[0, 2]) < 1e-14
-
-
 def test_slopes_and_rate_of_the_surface_are_its_derivatives() -> None:
     medium = sea({**JONSWAP, "spreading": "cos2"}).system.medium
     state = new_state(medium)
@@ -165,44 +155,18 @@ def test_drift_in_an_irregular_sea_is_the_sum_over_its_waves() -> None:
     assert particle[0] == pytest.approx((stokes * np.exp(-2.0 * c.number)).sum(), rel=0.02)
 
 
-@pytest.mark.parametrize("speed", [-2.0, 0.0, 3.0])
-def test_a_hull_at_speed_meets_the_frequency_of_encounter(speed: float) -> None:
-    waves = {**PM, "components": 1}
-    rate = Waves.model_validate(waves).components_of(0).rate[0]
-    times = np.arange(0.0, 2000.0, 0.2)
-    path = np.column_stack([speed * times, np.zeros((len(times), 2))])
-    met = mjsheaf.medium(sea(waves)).velocity("boat", times, path)[:, 0]
-    power = np.abs(np.fft.rfft(met * np.hanning(len(met)))) ** 2
-    found = 2.0 * np.pi * np.argmax(power) / (len(times) * 0.2)
-    assert found == pytest.approx(abs(rate - rate**2 / GRAVITY * speed), abs=2.0 * np.pi / 2000.0)
-
-
-@pytest.mark.slow
-def test_a_run_meets_the_sea_that_medium_returns() -> None:
-    """On ideal kinematics; `test_on_bodies` has the others."""
-    scenario = sea({**JONSWAP, "spreading": "cos2"})
-    log = pieces_of(scenario.phases, "ideal", "mujoco")
-    for v, member in enumerate(scenario.team.members):
-        met = mjsheaf.medium(scenario).velocity(member.id, scenario.system.grid.samples, log["positions"][:, v])
-        assert log["medium"][:, v] == pytest.approx(met, abs=1e-12)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("engine", ["mujoco", "fused"])
 def test_a_hull_heaves_rolls_and_pitches_with_a_long_wave(engine: str) -> None:
     waves = {**PM, "significant_height": 1.0, "peak_period": 12.0, "components": 1, "direction": 90.0}
-    scenario = scenario_from_mapping(
-        {
-            "name": "ride",
-            "time": {"end": 30.0},
-            "controller": {"gain": 0.5, "control_period": 0.1},
-            "agents": [{"id": "A", "position": [0, 0], "vehicle": "otter", "heading": 0}],
-            "targets": [{"id": "T", "position": [5, 0], "vehicle": "hull", "motion": {"kind": "static"}}],
-            "sensing": [["A", "T"]],
-            "communication": [],
-            "flow": {"water": {"dimension": 2, "waves": waves}},
-            "physics": {"timestep": 0.01, "contacts": False},
-        }
+    scenario = pursuit(
+        [0, 0],
+        [5, 0],
+        {"vehicle": "otter", "heading": 0},
+        time={"end": 30.0},
+        controller={"gain": 0.5, "control_period": 0.1},
+        flow={"water": {"dimension": 2, "waves": waves}},
+        physics={"timestep": 0.01, "contacts": False},
     )
     log = pieces_of(scenario.phases, "physics", engine)
     late = slice(100, None)

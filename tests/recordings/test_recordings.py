@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import mjsheaf
 from mjsheaf.errors import MjsheafError
@@ -94,22 +93,6 @@ def test_a_log_ends_with_the_run_whatever_the_rounding_of_its_last_time() -> Non
         )
 
 
-def test_times_with_a_date_count_from_the_first_and_units_are_read(tmp_path: Path) -> None:
-    places = {
-        "east": ("time", [0.001, 0.002, 0.003], {"standard_name": "projection_x_coordinate", "units": "km"}),
-        "north": ("time", [4.0, 5.0, 6.0], {"standard_name": "projection_y_coordinate", "units": "m"}),
-        "altitude": ("time", [7.0, 8.0, 9.0], {}),
-    }
-    time = ("time", [10.0, 11.0, 12.5], {"units": "minutes since 2026-01-01"})
-    places["up"] = ("time", [7.0, 8.0, 9.0], {"standard_name": "altitude", "units": "m"})
-    xr.Dataset(places, {"time": time}).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
-    rows = read_positions(str(tmp_path / "a.nc"))
-    np.testing.assert_allclose(rows, [[0, 1, 4, 7], [60, 2, 5, 8], [150, 3, 6, 9]], rtol=1e-15)
-    time = ("time", [10.0, 11.0, 12.5], {"units": "s"})
-    xr.Dataset(places, {"time": time}).to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
-    assert [row[0] for row in read_positions(str(tmp_path / "b.nc"))] == [10.0, 11.0, 12.5]
-
-
 @pytest.mark.parametrize(
     ("name", "selection", "message"),
     [
@@ -162,9 +145,12 @@ def test_fields_that_do_not_fit_are_refused(motion: dict[str, Any], message: str
         mjsheaf.load_scenario(SCENARIO, {"targets.T1.motion": {"kind": "recorded", **motion}})
 
 
-def test_the_file_of_a_motion_lies_next_to_the_scenario(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "motion", [{"kind": "file", "path": "../run.csv"}, {"kind": "recorded", "path": "../run.mcap", "topic": "/tf"}]
+)
+def test_the_file_of_a_motion_lies_next_to_the_scenario(motion: dict[str, Any], tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
-    motion = {"kind": "recorded", "path": "../run.mcap", "topic": "/tf"}
+    (tmp_path / "run.csv").write_text("0,0,0\n5,1,1\n")
     moving = {**SCENARIO["targets"][0], "motion": motion}
     (tmp_path / "in" / "s.yaml").write_text(json.dumps({**SCENARIO, "targets": [moving]}))
     with pytest.raises(MjsheafError, match="lies outside"):

@@ -64,18 +64,6 @@ def test_allocation_is_the_pseudo_inverse_and_gives_the_velocity_back(case: tupl
         assert np.linalg.matrix_rank(G) == n
 
 
-def test_the_layout_turns_with_position_and_time() -> None:
-    """Psi = psi_0 + psi_q . q + psi_t t, about z."""
-    g = ControlEffectiveness(
-        layout=np.eye(3).tolist(), heading=10.0, heading_gradient=[20.0, -30.0, 40.0], heading_rate=50.0
-    )
-    psi = np.pi / 180.0 * (10.0 + 20.0 * 1.0 - 30.0 * 2.0 + 40.0 * 3.0 + 50.0 * 4.0)
-    R = np.array([[np.cos(psi), -np.sin(psi), 0.0], [np.sin(psi), np.cos(psi), 0.0], [0.0, 0.0, 1.0]])
-    velocity, u = np.array([1.0, -2.0, 3.0]), np.zeros(3)
-    effectiveness.allocate(effectiveness.pack([g], [3]), 0, np.array([1.0, 2.0, 3.0]), 4.0, velocity.copy(), u)
-    np.testing.assert_allclose(u, R.T @ velocity, atol=1e-13)
-
-
 @pytest.mark.parametrize(
     ("model", "message"),
     [

@@ -78,15 +78,6 @@ def test_lissajous_is_the_papers(seed: int, n: int, start: float, after: float) 
     np.testing.assert_allclose(target.position(start)[:n], initial, atol=1e-11)
 
 
-def test_lissajous_of_the_published_run() -> None:
-    """v(t) = (20 cos(t + pi/2), 20 cos 2t, 15 cos t)."""
-    published = Lissajous(amplitude=[20, 10, 15], rate=[1, 2, 1], phase=[np.pi / 2, 0, 0])
-    target = Target(published, np.array([40.0, 9.0, -37.0]), 0.01)
-    for t in np.linspace(0.01, 50, 7):
-        expected = 20 * np.cos(t + np.pi / 2), 20 * np.cos(2 * t), 15 * np.cos(t)
-        np.testing.assert_allclose(target.velocity(t), expected, atol=1e-13)
-
-
 @given(paths())
 def test_paths_pass_through_their_points_at_mean_speed(case: tuple[Waypoints, Array, float]) -> None:
     target = Target(*case)
