@@ -53,6 +53,27 @@ def test_a_multirotor_hovers_from_the_first_moment(name: str) -> None:
     np.testing.assert_allclose(world.data.qpos[qpos], before, atol=1e-9)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "thrust"), [(10.0, 119.68), (-2.0, -66.71)])
+def test_an_otter_goes_ahead_and_astern_as_fast_as_its_source_says(command: float, thrust: float) -> None:
+    """Two propellers of 119.68 N or -66.71 N against 77.55 N s/m: 3.086 m/s ahead, 1.720 astern."""
+    world = alone("otter")
+    _, _, dof, thrusters = body(world)
+    world.step(20_000)
+    ask(world, [command, 0, 0])
+    for _ in range(120):
+        world.step(100)
+        for values in (world.data.ctrl[thrusters], world.data.actuator_force[thrusters]):
+            assert values.min() >= -66.71
+            assert values.max() <= 119.68
+    np.testing.assert_allclose(world.data.actuator_force[thrusters], thrust, rtol=1e-6)
+    speed = world.data.qvel[dof][0]
+    assert speed == pytest.approx(2 * thrust / 77.55, rel=0.01)
+    # To the last digits: pitched, it drags along z too, and thrusts along its own x.
+    c, s = attitude(world)[0, 0], attitude(world)[2, 0]
+    assert speed == pytest.approx(2 * thrust * c / (77.55 * c**2 + 605.4 * s**2), rel=1e-4)
+
+
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])  # the X500's rotors never stop
 def test_a_multirotor_that_tumbles_in_a_vacuum_keeps_energy_and_momenta(name: str, tmp_path: Path) -> None:

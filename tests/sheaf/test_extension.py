@@ -45,6 +45,18 @@ def test_the_agent_between_two_targets_goes_to_the_midpoint(a: float, c: float) 
     np.testing.assert_allclose(extension.energy, (c - a) ** 2 / 4, rtol=1e-14)
 
 
+@given(sheaves_with_boundary(), st.data())
+def test_no_change_of_the_interior_lowers_the_energy(case: Case, data: st.DataObject) -> None:
+    spec, boundary, _ = case
+    x, _ = solve(case)
+    interior = spec.columns(spec.rest(boundary))
+    lowest = spec.energy(x)
+    for size in (1e-3, 1.0):
+        other = x.copy()
+        other[interior] += size * data.draw(vectors(len(interior)))
+        assert spec.energy(other) >= lowest - 1e-10 * (1.0 + lowest)
+
+
 @given(sheaves_with_boundary())
 def test_extension_solves_its_equation_and_keeps_the_boundary(case: Case) -> None:
     """(L x - delta^T K b) vanishes on the interior: H q* = B p + c."""
