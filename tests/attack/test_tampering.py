@@ -134,7 +134,7 @@ def test_damaged_study_ends_as_the_one_that_nobody_touched(study: Path, tmp_path
         assert {n: after[n] for n in names} == {n: before[n] for n in names}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_edited_record_is_run_again(study: Path, tmp_path: Path) -> None:
     directory = tmp_path / "study"
     shutil.copytree(study, directory)

@@ -93,7 +93,7 @@ def test_peers_that_another_python_has_are_measured_in_the_same_run(tmp_path: Pa
         run_bench(["hardware"], peers=sys.executable)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_operations_are_counted() -> None:
     """Operations of a rotation matrix as counted by hand; those of a step are hundreds, the same in both counts."""
     found = hardware.operations(hardware._settled(3))

@@ -196,7 +196,7 @@ def test_the_oracles_references_pass_through_their_points_with_their_velocities(
             np.testing.assert_allclose(dr, difference, atol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 11, 14, 15, 16, 17, 29, 33])
 def test_the_oracle_agrees_with_the_ideal_backend(seed: int) -> None:
     raw = adversarial_scenario(seed)

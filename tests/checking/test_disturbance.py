@@ -80,7 +80,7 @@ def measured(scenario: Scenario, backend: str, end: float, seeds: int, engine: s
     return dict(zip(scenario.team.agent_ids, np.sqrt(squares / seeds).tolist(), strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("gain", "rms"), [(0.1, 0.249017), (0.5, 0.229216), (1.0, 0.191609), (5.0, 0.065049)])
 @pytest.mark.parametrize("spreading", ["none", "cos2"])
 def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float, spreading: str) -> None:
@@ -266,7 +266,7 @@ def test_predictions_agree_with_long_runs_as_the_guide_has_it(name: str) -> None
         assert numbers[1::2] == pytest.approx(found[1::2], rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_altitudes_outside_the_model_of_the_gusts_are_named() -> None:
     agents = list_members({f"H{z}": [z, 0, z] for z in (1, 20, 400)}, vehicle="hexarotor")
     flow = {"air": {"dimension": 3, "gusts": {"kind": "dryden", "wind_speed": 6.0}}}
@@ -292,7 +292,7 @@ def test_the_screen_has_the_error_of_waves_and_who_cannot_hold_station() -> None
     assert not any(line.startswith("gusts and waves") for line in still)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
     still = prediction(mixed_scenario())
     assert still["rms"] == 0.0

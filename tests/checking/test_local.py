@@ -120,7 +120,7 @@ def test_the_rate_of_a_team_far_from_its_shape_is_that_with_which_its_run_ends(
         assert size[0] == pytest.approx(size[2], rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_bearing_leaves_the_distance_as_it_is() -> None:
     """A target at rest fixes the direction to an agent far from it, and not the distance, which the law keeps."""
     edge = {"between": ["A", "T"], "measures": "bearing", "offset": [0, -1]}

@@ -173,7 +173,7 @@ def test_the_path_of_targets_in_waves_lies_within_its_cells() -> None:
         assert (np.linalg.norm(where - on_segment, axis=1) <= path.cells.bend[k] + 1e-5).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_third_assumption_does_not_apply_under_gusts_and_does_not_count() -> None:
     flow = {"air": {"dimension": 3, "gusts": GUSTS}}
     gusty = mixed_scenario(flow=flow)

@@ -61,7 +61,7 @@ def test_every_error_of_check_states_its_norm(name: str, changes: dict[str, Any]
     assert {"initial_error"} <= found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_error_of_a_run_states_its_norm(tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     events = '--set=events=[{"time": 0.5, "set": {"controller.gain": 3.0}}]'

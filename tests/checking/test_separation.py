@@ -88,7 +88,7 @@ def test_what_the_theorem_requires_is_decided(change: dict[str, Any], told: str)
     assert any(told in reason for reason in found["reasons"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "air",
     [

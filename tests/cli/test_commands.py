@@ -297,7 +297,7 @@ def test_without_opengl_the_run_finishes_and_says_why(tmp_path: Path, monkeypatc
     assert json.loads((out / "summary.json").read_text())["video"] is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("without_plots")
 def test_output_stays_out_of_the_directories_of_runs(tmp_path: Path) -> None:
     first, second = tmp_path / "first", tmp_path / "second"

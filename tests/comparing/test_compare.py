@@ -54,7 +54,7 @@ def test_the_page_has_everything_and_fits(record: CompareRecord) -> None:
     assert "…" not in page
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_real_vehicle_follows_what_is_too_fast() -> None:
     """The paper's targets go at 28 m/s; the fastest boat is named, and by how much to slow."""
     told = " ".join(compare(load_scenario("paper", {"time.end": 2.0})).record.verdict)
@@ -216,7 +216,7 @@ def test_formats_and_title_are_given_on_the_command_line(drawn: list[Figure], tm
     assert not any(figure.get_suptitle() for figure in drawn)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_in_other_formats_may_be_replaced(tmp_path: Path) -> None:
     run = ["run", "midpoint", "--backend", "ideal", *SHORT, "--no-video", "--out", str(tmp_path / "a")]
     assert call(*run, "--format", "svg") == 0
@@ -240,7 +240,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], Comp
     return lines[first:], record
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_answer_is_a_few_lines_with_both_errors(published: tuple[list[str], CompareRecord]) -> None:
     lines, record = published
     assert len(lines) <= 20
@@ -261,7 +261,7 @@ def test_a_long_verdict_is_cut_between_sentences(count: int, published: tuple[li
     assert shown == count or lines[-1] == f"  and {count - shown} more sentences in report.txt"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_full_prints_the_whole_report(tmp_path: Path) -> None:
     out = tmp_path / "out"
     answer = answer_of("compare", "midpoint", "--no-video", *SHORT, "--full", "--out", out)

@@ -56,7 +56,7 @@ def record(comparison: Comparison) -> CompareRecord:
     return comparison.record
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_phases_are_those_of_plain_runs(record: CompareRecord) -> None:
     scenario = three_boats()
     assert [(phase.start, approx(phase.end)) for phase in record.phases] == [(0.0, 0.98), (1.0, 1.98), (2.0, 3.0)]

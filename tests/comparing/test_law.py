@@ -63,7 +63,7 @@ def record(laws: Path) -> CompareRecord:
     return compare(two_boats("otter", "hull"), law=find_law(f"{laws}:Same")).record
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_paper_s_law_in_python_compares_like_the_compiled_one(record: CompareRecord) -> None:
     compiled = compare(two_boats("otter", "hull")).record
     for key in ("ideal", "base", "+lag", "all"):

@@ -88,7 +88,7 @@ def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
     assert approx(compared.runs[1].late_difference.tracking_error, rel=1e-6) == expected
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_error_states_its_norm(compared: RunsRecord) -> None:
     held = [record for _, record in records(compared.model_dump(mode="json")) if errors_of(record)]
     assert len(held) == 4 * len(compared.runs)
@@ -209,7 +209,7 @@ def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_p
     assert "lose A2" in figure.axes[-1].get_xlabel()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_names_of_directories_are_shown_as_they_are(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
     """Not as mathematics, and those with an underscore in front have a line in the legend, too."""
     names = [r"$\frac{a$", "_later"]

@@ -200,7 +200,7 @@ def test_only_effects_that_matter_are_named(share: float, named: bool, torn: Com
     assert ("lag (" in " ".join(told)) == named
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_team_at_rest_has_no_lever() -> None:
     """Its errors, with terms and without, are rounding: -1e-16 m, 4e-16 m."""
     static = {"id": "T1", "position": [0, 0], "motion": {"kind": "static"}}
@@ -230,7 +230,7 @@ def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRec
         assert words in report_text(torn)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_variant_with_one_effect_is_drawn() -> None:
     record = compare(two_boats("otter", "hull", time={"end": 1.0})).record
     keys = [rung.key for rung in choose_rungs(record)]

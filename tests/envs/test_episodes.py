@@ -164,7 +164,7 @@ def test_one_seed_determines_all_episodes(name: str) -> None:
     np.testing.assert_equal(same.reset(), first)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_info_names_the_seed() -> None:
     scenario = random_scenario()
     whole, team = env(scenario), parallel_env(scenario)
@@ -182,7 +182,7 @@ def test_info_names_the_seed() -> None:
     assert info["seed"].tolist() == [next_seed(next_seed(7)), next_seed(8)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_runs_whose_seeds_change_what_they_share_go_on_one_by_one() -> None:
     """Frozen gusts have as many nodes as the ways along which vehicles may go, which begin where a seed draws them."""
     gusts = {"kind": "dryden", "wind_speed": 6, "frozen": True}

@@ -96,7 +96,7 @@ def test_runs_that_no_batch_takes_are_stepped_one_by_one(change: dict[str, Any])
     compare(mixed_scenario(**{"time": {"end": 0.3}} | change), 8, together=False)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_scenarios(name: str) -> None:
     """Gusts, waves, rotors and noise, in new episodes too. `MJSHEAF_SCENARIOS=all` tries every one."""

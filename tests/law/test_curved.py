@@ -153,7 +153,7 @@ def test_noise_is_that_of_the_range_and_of_the_bearing() -> None:
             assert np.abs(np.linalg.norm(y, axis=1) - length).max() < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_laws_in_python_get_measurement_jacobian_and_residual() -> None:
     """By these and the maps the law can be written anew: both runs are alike."""
 

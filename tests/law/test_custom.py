@@ -57,7 +57,7 @@ def with_term(file: Path, name: str, values: dict[str, float], **changes: Any) -
     return mjsheaf.load_scenario("midpoint", {"time.end": 1.0, f"controller.custom.{name}": section, **changes})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_term_along_eta_is_a_larger_gain(file: Path) -> None:
     scenario = with_term(file, "steeper", {"gain": 0.7})
     gain = scenario.controller.gain + 0.7
@@ -271,7 +271,7 @@ def model_with(tmp_path: Path, kind: str, gain: float) -> linear_law.LawModel:
     return linear_law.model_of(system.law, system.grid.period)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -288,7 +288,7 @@ def test_what_is_no_linear_law_of_each_axis_is_undecided(tmp_path: Path, name: s
         model_with(tmp_path, name, 5.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_models_of_terms_with_a_start_of_their_own(tmp_path: Path) -> None:
     """A ramp that ends, a difference whose first sample is another, and what cancels at the gain 1."""
     one = np.ones(1)
@@ -345,7 +345,7 @@ FACES = Path(__file__).with_name("faces_of_terms.py")
 INTERPRETED = [{"NUMBA_DISABLE_JIT": "1"}, pytest.param({}, marks=pytest.mark.slow)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("environment", INTERPRETED, ids=["interpreted", "compiled"])
 def test_a_sample_counts_once_on_every_face(environment: dict[str, str]) -> None:
     """Every face gives the run of `simulate`, to the bit, and looking at a run changes nothing of it."""

@@ -127,7 +127,7 @@ LINKS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.slow(each=True)
+@pytest.mark.long
 @pytest.mark.parametrize("link", LINKS, ids=str)
 def test_rounds_are_what_each_agent_makes_of_what_it_was_sent(link: dict[str, Any]) -> None:
     edges = [{"between": ["boat", "front"], "range": 7.0}, ["front", "back"]]
@@ -164,7 +164,7 @@ TEAMS: dict[str, Callable[[], Scenario]] = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("make", TEAMS.values(), ids=TEAMS)
 @pytest.mark.parametrize(
     "link", [{"delay": 0.01}, {"delay": 0.07, "loss": 0.3}, {"loss": 0.8}, {"delay": 0.02, "loss": BURSTS}], ids=str
@@ -251,7 +251,7 @@ def test_nothing_from_before_arrives_over_a_restored_link() -> None:
         assert sent == ([stays] if 10 <= n < 13 else [stays if n < 10 else n >= 18, stays])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_traffic_is_one_round_a_term_and_period_under_a_delay() -> None:
     scenario = load_scenario(
         "paper", {"time.end": 0.2, "controller.feedforward.rounds": 3, "controller.newton.rounds": 2}

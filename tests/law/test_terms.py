@@ -747,7 +747,7 @@ def test_exchanges_and_numbers_are_counted() -> None:
     assert communication(simulate(paper, "ideal"), T, paper.system.grid.period) == dict.fromkeys(sent, 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_published_run_of_a_law_in_python_says_what_it_sent(tmp_path: Any) -> None:
     scenario = load_scenario("paper", {"time.end": 0.2})
     law = edited(scenario, NEWTON)

@@ -372,7 +372,7 @@ def test_a_law_that_goes_elsewhere_does_not_take_the_results_along(
     assert Path.cwd() == tmp_path
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("backend", [pytest.param("ideal", marks=pytest.mark.slow), "physics"])
 def test_saving_a_result_writes_what_run_writes(backend: str, tmp_path: Path) -> None:
     scenario = mixed_scenario(**SHORT)

@@ -397,7 +397,7 @@ def test_a_published_run_knows_its_phases_and_is_what_is_saved(tmp_path: Any) ->
     np.testing.assert_array_equal(positions_of(simulate(again, "ideal")), positions_of(data))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_check_of_every_phase() -> None:
     scenario = chain(4, [{"time": 0.2, "lose": "A3"}, {"time": 0.3, "set": {"controller.gain": 300.0}}])
     record = check(scenario, trial=False)

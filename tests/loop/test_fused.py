@@ -155,7 +155,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
 # -- one step ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_step_of_every_vehicle_is_that_of_mujoco(tmp_path: Path) -> None:
     assert off_by(of_vehicles([*POWERED, *unlike(tmp_path)], 0.002), 30, 1) < EPSILON
 
@@ -350,7 +350,7 @@ def test_a_law_in_python_and_one_that_is_continuous_run_as_on_mujoco() -> None:
     assert apart(*both(continuous)) < 1e-11
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_comparison_says_the_same_on_both() -> None:
     """Every variant, ringing and the convergence table; one more variant runs on MuJoCo."""
     scenario = load_scenario("midpoint", {"time.end": 10.0})

@@ -136,7 +136,7 @@ def test_a_change_in_two_halves_gives_the_same_q_star() -> None:
         np.testing.assert_allclose(whole[name].values, halves[name].values, rtol=0, atol=1e-12, equal_nan=True)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_over_links_the_disagreement_is_the_true_one_and_silence_has_no_effect() -> None:
     """Without any measurement agents stay where they are, whatever the offsets do."""
     scenario = ring([change()], links={"all": {"noise": 0.1}})
@@ -152,7 +152,7 @@ def test_over_links_the_disagreement_is_the_true_one_and_silence_has_no_effect()
     assert not silent["velocity_command"].fillna(0.0).values.any()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_law_in_python_sees_the_offsets_of_now() -> None:
     seen = []
 
@@ -199,7 +199,7 @@ def test_a_session_and_an_environment_are_the_run(backend: str) -> None:
             np.testing.assert_allclose(rewards, -error, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_runs_on_two_engines_at_a_time_do_not_share_offsets() -> None:
     """One system, two runs at different times: each has its own offsets."""
     scenario = ring([change()])
@@ -245,7 +245,7 @@ def test_threads_do_not_share_desired_ranges() -> None:
     np.testing.assert_array_equal(beside, alone)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_ranges_and_bearings_follow_their_places(measures: str) -> None:
     """Places move in straight lines, so that at all times some team fits all edges: it is q*."""
@@ -331,7 +331,7 @@ def test_changes_of_one_formation_follow_one_another() -> None:
     assert len(ring([change(), change({"formations.ring.radius": 2}, time=0.6)]).phases) == 4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_turn_through_one_point_is_refused_for_ranges_and_found_by_check() -> None:
     half_turn = change({"formations.ring.angle": 180})
     raw = ring([half_turn]).model_dump(mode="json", exclude_none=True)

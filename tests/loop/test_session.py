@@ -94,7 +94,7 @@ def test_periods_are_the_samples_of_simulate(fields: dict[str, Any], engine: str
         np.testing.assert_array_equal(attitude, run["agent_orientation"].values)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @engines
 def test_what_looks_changes_nothing(engine: str) -> None:
     scenario = mixed_scenario(**TANGLED)

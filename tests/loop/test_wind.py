@@ -195,7 +195,7 @@ def test_without_windage_or_wind_no_bit_changes(engine: str, tmp_path: Path) -> 
     assert np.nanmax(np.abs(places("otter", [6.0, 2.0]) - plain)) > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_gusts_of_the_air_shake_hulls_as_the_seed_has_them() -> None:
     gusts = {"kind": "dryden", "wind_speed": 12.0, "altitude": 4.0}
     flow = {"air": {"dimension": 2, "drift": [6.0, 2.0], "gusts": gusts}}

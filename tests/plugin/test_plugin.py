@@ -189,7 +189,7 @@ def test_other_peoples_tests_are_left_alone(run: Run) -> None:
     assert told.splitlines()[-1] == "['mjsheaf', 'mjsheaf._version', 'mjsheaf.pytest_plugin']"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_scenario_runs_under_the_law_that_it_names(run: Run) -> None:
     """The law that stays where it is leaves an error of 5 m."""
     _, told = run("--mjsheaf", "laws", "-v", "-p", "no:cacheprovider")

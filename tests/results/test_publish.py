@@ -29,7 +29,7 @@ def short() -> Scenario:
     return load_scenario("midpoint", {"time.end": 0.1})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("backend", "law"), [("ideal", {}), ("physics", {}), ("ideal", {"rounds": 2})])
 def test_data_in_memory_leave_what_a_run_leaves(backend: str, law: dict[str, int], tmp_path: Path) -> None:
     """Over 2,048 samples, which a run writes in two pieces; what agents send is counted over both."""
@@ -79,7 +79,7 @@ def drawn_by(draw: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.video.draw.draw_video", lambda films, path, *_: draw(path))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_run_is_there_before_its_video(short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whole: it can be opened, and says that it has no video yet."""
     place = tmp_path / "run"

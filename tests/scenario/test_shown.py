@@ -17,7 +17,7 @@ from tests.builders import REPOSITORY, Simulated
 from tests.test_claims import agrees
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("group", "formation"), [("air", 0.5), ("water", 1.5)])
 def test_groups_do_on_bodies_nearly_what_they_do_ideally(group: str, formation: float, simulated: Simulated) -> None:
     team = load_scenario("harbour").system.team
@@ -87,7 +87,7 @@ def errors_about_changes(data: xr.Dataset, scenario: Scenario) -> list[float]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ROWS)
 def test_the_error_through_a_change_is_that_before_it(name: str) -> None:
     """At most twice, also with noisy links and in half of the time; distances are kept at every sample."""
