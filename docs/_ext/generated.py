@@ -7,6 +7,7 @@ from typing import Any
 
 import fields
 import gallery
+import packages
 import replays
 import sheaves
 import stalks
@@ -71,6 +72,7 @@ def generate(_: Sphinx) -> None:
     write(to / "commands_fields.md", commands_page())
     write(to / "variables_fields.md", dataset.reference())
     stalks.write(to / "stalks.svg")
+    packages.write(to / "packages.svg")
     sheaves.write(to)
     write(to / "vehicles_fields.md", vehicles.page(to / "vehicles"))
     changes = re.sub(r"\A# .*\n", "", (REPOSITORY / "CHANGELOG.md").read_text())
