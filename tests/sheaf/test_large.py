@@ -108,13 +108,14 @@ def test_a_kernel_that_fills_the_space_is_refused(unproved: pytest.MonkeyPatch) 
 
 
 def test_equal_eigenvalues_are_found_from_any_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    """ARPACK fails on about one start in 200 where 39 of 40 are equal."""
+    """ARPACK fails on about one start in 200 where 39 of 40 are equal. The same start gives the same bits."""
     map_ = sparse.csr_array(np.hstack([np.ones((1, 20)), -np.ones((1, 20))]))
     factor = sections.shifted_factor(map_.T @ map_, 1e-9)
     generator = np.random.default_rng
     for seed in range(400):
         monkeypatch.setattr(np.random, "default_rng", lambda _, seed=seed: generator(seed))
-        vectors = sections.smallest_eigenvectors(factor, np.zeros((40, 0)), 8)
+        vectors, again = (sections.smallest_eigenvectors(factor, np.zeros((40, 0)), 8) for _ in range(2))
+        np.testing.assert_array_equal(vectors, again)
         np.testing.assert_allclose(vectors.T @ vectors, np.eye(8), atol=1e-10)
         np.testing.assert_allclose(map_ @ vectors, 0.0, atol=1e-6)
 
