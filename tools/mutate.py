@@ -13,27 +13,30 @@ package leaves most of a sample as it was: it depends on the seed and the text o
 
 import argparse
 import ast
+import gc
 import hashlib
-import importlib
 import json
 import os
 import resource
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
+import traceback
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from types import CodeType, FunctionType
 from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "build" / "mutants"
-TESTS = {"media": ["media"], "sheaf": ["sheaf", "team"], "law": ["law"], "checking": ["checking"]}
+TESTS = {"media": ["media"], "sheaf": ["sheaf", "team"], "law": ["law"], "checking": ["checking", "law"]}
 """Directories of tests that judge a package."""
 
 
@@ -53,7 +56,7 @@ UNCHANGED = {"annotation", "returns", "decorator_list", "bases"}  # fields of no
 TIMED_OUT = 99
 CLOCKS = ((signal.SIGPROF, signal.ITIMER_PROF, 1.0), (signal.SIGALRM, signal.ITIMER_REAL, 4.0))
 """Processor time, as the machine may have other work, and a multiple of it in real time for tests that wait."""
-VERDICTS = {1: "killed", TIMED_OUT: "timed out", 0: "survived", 5: "without a test"}
+VERDICTS = {1: "killed", TIMED_OUT: "timed out", 0: "survived", 5: "without a test", 70: "crashed"}
 """By pytest's exit status; others are those of a package that cannot be imported."""
 
 
@@ -66,6 +69,7 @@ class Mutant:
         line: Line of the place.
         lines: Lines of its statement, or of the head of a compound statement.
         place: First and last byte of the place.
+        inside: True in the body of a function, which tests call; False where importing executes it.
         old, new: Text in the place.
         key: Text that no other mutant has, and that does not depend on other parts of the file.
     """
@@ -74,6 +78,7 @@ class Mutant:
     line: int
     lines: range
     place: tuple[int, int]
+    inside: bool
     old: str
     new: str
     key: str
@@ -157,17 +162,18 @@ def changes(node: ast.AST) -> Iterator[tuple[ast.AST, ast.AST]]:
             yield node, ast.Pass()
 
 
-def walk(node: ast.AST, statement: ast.AST) -> Iterator[tuple[ast.AST, ast.AST, ast.AST]]:
-    """Yield a statement, a part of it and what may stand there instead, for a node and all below it."""
+def walk(node: ast.AST, statement: ast.AST, inside: bool) -> Iterator[tuple[ast.AST, bool, ast.AST, ast.AST]]:
+    """Yield a statement, `inside`, a part of it and what may stand there instead, for a node and all below it."""
     if is_text(node):
         return
     statement = node if isinstance(node, ast.stmt) else statement
-    yield from ((statement, part, new) for part, new in changes(node))
+    yield from ((statement, inside, part, new) for part, new in changes(node))
     for name, field in ast.iter_fields(node):
         if name not in UNCHANGED and not isinstance(node, ast.Raise):  # which holds a message
+            below = inside or (isinstance(node, ast.FunctionDef) and name == "body")
             for child in field if isinstance(field, list) else [field]:
                 if isinstance(child, ast.AST):
-                    yield from walk(child, statement)
+                    yield from walk(child, statement, below)
 
 
 def mutants_of(file: Path) -> Iterator[Mutant]:
@@ -181,32 +187,31 @@ def mutants_of(file: Path) -> Iterator[Mutant]:
     tree: Any = ast.parse(source)
     node: Any
     part: Any
-    for node, part, new in walk(tree, tree):
+    for node, inside, part, new in walk(tree, tree, False):
         if ast.unparse(part) == ast.unparse(new):
             continue
         place = starts[part.lineno - 1] + part.col_offset, starts[part.end_lineno - 1] + part.end_col_offset
         old = source[slice(*place)].decode()
-        changed = f"({ast.unparse(new)})" if isinstance(part, ast.expr) else ast.unparse(new)
+        changed = ast.unparse(new)
+        if isinstance(part, ast.expr) and not isinstance(part, ast.Slice):
+            changed = f"({changed})"
         last = node.body[0].lineno - 1 if hasattr(node, "body") else node.end_lineno
         key = f"{name} {ast.unparse(node)[:200]} {old} {changed}"
         same[key] += 1
         lines = range(node.lineno, max(last, node.lineno) + 1)
-        yield Mutant(name, part.lineno, lines, place, old, changed, f"{key} {same[key]}")
+        yield Mutant(name, part.lineno, lines, place, inside, old, changed, f"{key} {same[key]}")
 
 
-def start(copy: Path, work: Callable[[], int]) -> int:
-    """Start a process that works in a copy of the tree, imports the package from there, and ends with a status."""
-    if child := os.fork():
-        return child
-    os.chdir(copy)
-    sys.path.insert(0, str(copy))
-    os.environ["PYTHONPATH"] = str(copy)
-    resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+def in_child(work: Callable[[], int]) -> int:
+    """Return the status with which a new process ends that does this work."""
+    child = os.fork()
+    if child:
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     status = 70
     try:
-        for stream in (sys.stdout, sys.stderr):
-            os.dup2(os.open(copy / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream.fileno())
         status = int(work())
+    except BaseException:
+        traceback.print_exc()
     finally:
         os._exit(status)
 
@@ -268,42 +273,112 @@ class Recorder:
         file.write_text(json.dumps({"seconds": seconds, "lines": lines, "left out": self.left_out}))
 
 
-def record(tests: str, kept: Path, limit: float) -> int:
-    """Run a file of tests, and keep what it executes."""
-    recorder = Recorder(limit)
-    pytest.main([tests, "-q", "-p", "no:cacheprovider", "-m", "not long"], plugins=[recorder])
-    recorder.write(kept)
-    return 0
-
-
 class Judge:
-    """Plugin of pytest that runs the given tests, the quickest first, each in a multiple of its time."""
+    """Plugin of pytest that ends the process at the first test that fails, or takes much longer than it did."""
 
     def __init__(self, seconds: dict[str, float]) -> None:
         self.seconds = seconds
 
-    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
-        """Leave the given tests, in order."""
-        items[:] = sorted(
-            (one for one in items if one.nodeid in self.seconds), key=lambda one: self.seconds[one.nodeid]
-        )
-
     def pytest_runtest_protocol(self, item: Any) -> None:
-        """End the process if the test takes much longer than it did."""
+        """Start the clocks."""
         for alarm, timer, seconds in CLOCKS:
             signal.signal(alarm, lambda *_: os._exit(TIMED_OUT))
             signal.setitimer(timer, 10.0 * seconds * (1.0 + self.seconds[item.nodeid]))
 
     def pytest_runtest_logreport(self, report: Any) -> None:
-        """Name the test that failed, for whoever judges."""
+        """End with the name of a test that failed."""
         if report.failed:
             Path("killer.txt").write_text(report.nodeid)
+            os._exit(1)
 
 
-def judge(seconds: dict[str, float]) -> int:
-    """Run tests in the present directory until one fails; return pytest's status."""
-    files = sorted({test.split("::")[0] for test in seconds})
-    return int(pytest.main([*files, "-x", "-q", "-p", "no:cacheprovider"], plugins=[Judge(seconds)])) if files else 5
+def run(items: list[Any], plugin: Any) -> int:
+    """Run tests in order, in a process that has collected them; return 0, or 5 if there are none, as pytest does."""
+    if not items:
+        return 5
+    items[0].config.pluginmanager.register(plugin)
+    for item, following in zip(items, [*items[1:], None], strict=True):
+        item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+    return 0
+
+
+def functions_in(code: CodeType) -> Iterator[CodeType]:
+    """Yield the code of all functions in that of a module."""
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield constant
+            yield from functions_in(constant)
+
+
+def patch(file: Path) -> None:
+    """Give the functions of a module that is in memory the code that its file has now."""
+    codes = functions_in(compile(file.read_bytes(), str(file), "exec"))
+    present = {(code.co_qualname, code.co_firstlineno): code for code in codes}
+    gc.unfreeze()  # as pytest's session has frozen them
+    for function in [one for one in gc.get_objects() if isinstance(one, FunctionType)]:
+        code = function.__code__
+        if code.co_filename == str(file):
+            function.__code__ = present.get((code.co_qualname, code.co_firstlineno), code)
+
+
+class Session:
+    """Plugin of pytest that, once tests are collected, records and judges in children that have them in memory.
+
+    Attributes:
+        copy: Copy of the tree, the present directory.
+        package: Package below mjsheaf.
+        mutants: Mutants that are to be judged.
+        limit: Time that a test may take, s.
+    """
+
+    def __init__(self, copy: Path, package: str, mutants: list[Mutant], limit: float) -> None:
+        self.copy = copy
+        self.package = package
+        self.mutants = mutants
+        self.limit = limit
+        self.items: dict[str, Any] = {}
+
+    def pytest_runtestloop(self, session: Any) -> bool:
+        """Record what is missing, judge, and run nothing else."""
+        self.items = {item.nodeid: item for item in session.items}
+        for file, kept in records_of(self.package):
+            if not kept.exists() or kept.stat().st_mtime < file.stat().st_mtime:
+                in_child(partial(self.record, f"{file.relative_to(ROOT)}::", kept))
+        for mutant in self.mutants:
+            self.judge(mutant)
+        return True
+
+    def record(self, prefix: str, kept: Path) -> int:
+        """Run the tests of a file, and keep what they execute."""
+        recorder = Recorder(self.limit)
+        run([item for name, item in self.items.items() if name.startswith(prefix)], recorder)
+        recorder.write(kept)
+        return 0
+
+    def judge(self, mutant: Mutant) -> None:
+        """Run the tests of a mutant, and add the verdict to the file of all."""
+        seconds = tests_of(mutant)
+        names = sorted(seconds.keys() & self.items.keys(), key=lambda name: seconds[name])
+        file = self.copy / mutant.file
+        source = file.read_bytes()
+        first, last = mutant.place
+        file.write_bytes(source[:first] + mutant.new.encode() + source[last:])
+        Path("killer.txt").write_text("")
+
+        def work() -> int:
+            if mutant.inside:
+                patch(file)
+                return run([self.items[name] for name in names], Judge(seconds))
+            Path("names.txt").write_text("\n".join(names))
+            pytest_alone = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "@names.txt"]
+            return subprocess.run(pytest_alone, check=False).returncode
+
+        code = in_child(work)
+        file.write_bytes(source)
+        verdict = VERDICTS.get(code, "killed" if code >= 0 else "timed out")
+        found = {"verdict": verdict, "tests": len(names), "status": code, "by": Path("killer.txt").read_text()}
+        with (KEPT / "verdicts.txt").open("a") as verdicts:
+            verdicts.write(json.dumps({"key": mutant.key, "mutant": str(mutant), **found}) + "\n")
 
 
 def copy_tree(target: Path) -> Path:
@@ -313,12 +388,16 @@ def copy_tree(target: Path) -> Path:
     return target
 
 
+@cache
 def load(file: Path) -> Any:
-    """Read a record or verdicts."""
-    return json.loads(file.read_text()) if file.exists() else {}
+    """Read a record."""
+    return json.loads(file.read_text()) if file.exists() else {"seconds": {}, "lines": {}}
 
 
-load_once = cache(load)
+def load_verdicts() -> dict[str, dict[str, Any]]:
+    """Return the last verdict on each mutant by its key."""
+    file = KEPT / "verdicts.txt"
+    return {one["key"]: one for one in map(json.loads, file.read_text().splitlines() if file.exists() else ())}
 
 
 def records_of(package: str) -> Iterator[tuple[Path, Path]]:
@@ -328,60 +407,33 @@ def records_of(package: str) -> Iterator[tuple[Path, Path]]:
             yield file, KEPT / directory / f"{file.stem}.json"
 
 
-def record_missing(package: str, limit: float) -> None:
-    """Record each file of tests that has changed since, or was never recorded."""
-    with tempfile.TemporaryDirectory() as scratch:
-        copy = copy_tree(Path(scratch) / "copy")
-        for file, kept in records_of(package):
-            if not kept.exists() or kept.stat().st_mtime < file.stat().st_mtime:
-                tests = str(file.relative_to(ROOT))
-                os.waitpid(start(copy, partial(record, tests, kept, limit)), 0)
-                new = load(kept) or {"seconds": {}, "left out": {"all": "crashed"}}
-                print(tests, f"{len(new['seconds'])} tests; left out:", *new["left out"], flush=True)
-
-
 def tests_of(mutant: Mutant) -> dict[str, float]:
-    """Return the seconds of the tests that execute a mutant's lines; all that import it, if importing does."""
+    """Return the seconds of the tests that execute a mutant's lines, or any line of its file if importing does."""
     selected: dict[str, float] = {}
     for _, kept in records_of(mutant.file.split("/")[1]):
-        record = load_once(kept)
-        lines = record.get("lines", {})
-        contexts = [one for one, files in lines.items() if {*mutant.lines} & {*files.get(mutant.file, ())}]
+        record = load(kept)
+        met = {context: {*files.get(mutant.file, ())} for context, files in record["lines"].items()}
+        contexts = [one for one, lines in met.items() if lines & {*mutant.lines} or (lines and not mutant.inside)]
         executing = tuple(contexts)  # names of tests, or the beginning of those of a whole file
-        selected |= {test: time for test, time in record.get("seconds", {}).items() if test.startswith(executing)}
+        selected |= {test: time for test, time in record["seconds"].items() if test.startswith(executing)}
     return selected
 
 
-def judge_all(mutants: list[Mutant], jobs: int) -> dict[str, Any]:
-    """Return verdicts, the numbers of tests and the tests that failed by the keys of mutants."""
-    file = KEPT / "verdicts.json"
-    verdicts = load(file)
-    pending = [one for one in mutants if verdicts.get(one.key, {}).get("verdict") != "killed"]
-    running: dict[int, tuple[Mutant, Path, int]] = {}
+def judge_all(package: str, mutants: list[Mutant], limit: float) -> int:
+    """Collect the tests of a package in a copy of the tree, and judge its mutants there."""
     with tempfile.TemporaryDirectory() as scratch:
-        copies = [copy_tree(Path(scratch) / f"copy{number}") for number in range(jobs)]
-        while pending or running:
-            if pending and copies:
-                mutant = pending.pop(0)
-                copy = copies.pop()
-                source = (ROOT / mutant.file).read_bytes()
-                first, last = mutant.place
-                (copy / mutant.file).write_bytes(source[:first] + mutant.new.encode() + source[last:])
-                (copy / "killer.txt").unlink(missing_ok=True)
-                tests = tests_of(mutant)
-                running[start(copy, partial(judge, tests))] = mutant, copy, len(tests)
-                continue
-            process, status = os.wait()
-            mutant, copy, number = running.pop(process)
-            shutil.copy2(ROOT / mutant.file, copy / mutant.file)
-            code = os.waitstatus_to_exitcode(status)
-            verdict = VERDICTS.get(code, "killed" if code >= 0 else "timed out")
-            killer = (copy / "killer.txt").read_text() if (copy / "killer.txt").exists() else f"status {code}"
-            verdicts[mutant.key] = {"verdict": verdict, "tests": number, "by": killer}
-            file.write_text(json.dumps(verdicts, indent=0))
-            print(f"{verdict:14} {number:4} {mutant}  by {killer}", flush=True)
-            copies.append(copy)
-    return verdicts
+        copy = copy_tree(Path(scratch) / "copy")
+        os.chdir(copy)
+        sys.path.insert(0, str(copy))
+        os.environ |= {"NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(copy)}
+        sys.dont_write_bytecode = True  # a mutant written in the same second has the same stamp
+        resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+        output = os.open(KEPT / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        tests = [f"tests/{directory}" for directory in TESTS[package]]
+        plugin = Session(copy, package, mutants, limit)
+        return int(pytest.main([*tests, "-q", "-s", "-p", "no:cacheprovider", "-m", "not long"], plugins=[plugin]))
 
 
 def main() -> int:
@@ -391,7 +443,6 @@ def main() -> int:
     parser.add_argument("--sample", type=int, default=150, help="number of mutants")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--limit", type=float, default=20.0, help="s that a test may take")
-    parser.add_argument("--jobs", type=int, default=1, help="mutants that are judged at a time")
     parser.add_argument("--list", action="store_true", help="print the sample only")
     options = parser.parse_args()
     files = [file for package in options.packages for file in sorted((ROOT / "mjsheaf" / package).rglob("*.py"))]
@@ -402,17 +453,17 @@ def main() -> int:
     if options.list:
         print(*sample, sep="\n")
         return 0
-    sys.dont_write_bytecode = False
-    os.environ |= {"NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1"}
-    for heavy in ("numba", "scipy.optimize", "xarray", "mujoco", "pydantic", "hypothesis"):  # once, not in each process
-        importlib.import_module(heavy)
+    KEPT.mkdir(parents=True, exist_ok=True)
     for package in TESTS:
         chosen = [mutant for mutant in sample if mutant.file.split("/")[1] == package]
-        if chosen:
-            record_missing(package, options.limit)
-            verdicts = judge_all(chosen, options.jobs)
-            number = Counter(verdicts[mutant.key]["verdict"] for mutant in chosen)
-            print(f"{package}: {len(chosen)} mutants,", ", ".join(f"{number[one]} {one}" for one in VERDICTS.values()))
+        known = load_verdicts()
+        pending = [mutant for mutant in chosen if known.get(mutant.key, {}).get("verdict") != "killed"]
+        in_child(partial(judge_all, package, pending, options.limit))
+        verdicts = [load_verdicts().get(mutant.key, {"verdict": "crashed"})["verdict"] for mutant in chosen]
+        print(f"{package}: {len(chosen)} mutants,", *(f"{verdicts.count(one)} {one}" for one in sorted(set(verdicts))))
+        print(
+            *(f"    {one}: {mutant}" for mutant, one in zip(chosen, verdicts, strict=True) if one != "killed"), sep="\n"
+        )
     return 0
 
 
