@@ -569,6 +569,7 @@ def test_range_bearing_noise_in_space_is_estimated_from_above(away: list[float])
         squares.append(float((run.tracking_error.values[200:] ** 2).mean()))
     noise = check(load_scenario(resting_bearing(away)), trial=False)["links"]["noise"]
     assert 0.98 < noise["error"] / np.sqrt(np.mean(squares)) < np.sqrt(2.0)
+    assert noise["mean"] == 0.0
 
 
 # -- loss --------------------------------------------------------------------------------------------------------------

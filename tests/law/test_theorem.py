@@ -7,6 +7,7 @@ dynamics whose f_B, Delta and f~ attain their bounds, f~ with |f~| = rho(|e|) |e
 import itertools
 import math
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,13 @@ def test_chi_is_the_root_of_rho(coefficients: list[float], above: float) -> None
     assert chi == pytest.approx(root, rel=1e-9)
     assert np.polyval(coefficients[::-1], chi) <= level
     assert rho.reach(0.999 * coefficients[0]) is None
+
+
+@examples(80)
+@given(st.lists(number, min_size=2, max_size=4), st.floats(1e-6, 1e6))
+def test_a_polynomial_is_rounded_up(coefficients: list[float], radius: float) -> None:
+    exact = sum(Fraction(c) * Fraction(radius) ** k for k, c in enumerate(coefficients))
+    assert exact <= as_rho(coefficients)(radius) <= exact * (1 + Fraction(1, 10**14))
 
 
 @examples(80)
