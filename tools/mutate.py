@@ -28,6 +28,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
+from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
@@ -453,6 +454,8 @@ def main() -> int:
     if options.list:
         print(*sample, sep="\n")
         return 0
+    if find_spec("coverage") is None:
+        parser.error("coverage is missing, which records what tests execute: pip install coverage")
     KEPT.mkdir(parents=True, exist_ok=True)
     for package in TESTS:
         chosen = [mutant for mutant in sample if mutant.file.split("/")[1] == package]
