@@ -75,16 +75,12 @@ def sparser_rows(matrix: sparse.csr_array) -> sparse.csr_array:
     return matrix
 
 
-def sparse_null_space(
-    matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE, scale: float | None = None
-) -> sparse.csc_array:
+def sparse_null_space(matrix: sparse.csr_array, rtol: float = RANK_TOLERANCE) -> sparse.csc_array:
     """Return an orthonormal basis of the null space of a matrix, each vector on one part, shape (columns, dimension).
 
-    Singular values of at most rtol times the scale count as zero; that is the matrix's own largest unless given.
+    Singular values of at most rtol times the largest count as zero.
     """
-    return _joined(
-        _null_spaces(matrix, rtol, largest_singular_value(matrix) if scale is None else scale), matrix.shape[1]
-    )
+    return _joined(_null_spaces(matrix, rtol, largest_singular_value(matrix)), matrix.shape[1])
 
 
 def _null_spaces(matrix: sparse.csr_array, rtol: float, scale: float) -> list[tuple[IntArray, Array]]:
@@ -119,7 +115,7 @@ def cokernel_basis(matrix: sparse.csr_array, dimension: int, rtol: float = RANK_
             f"a basis of H^1 of dimension {dimension} over {rows} rows is too large; expected at most {MOST_ENTRIES} "
             f"numbers, and at most {DENSE_COLUMNS} rows in one component or a dimension of at most {MOST_CLASSES}"
         )
-    basis = sparse_null_space(transposed, rtol, largest_singular_value(matrix))
+    basis = sparse_null_space(transposed, rtol)
     if basis.shape[1] != dimension:
         raise SheafError(
             f"H^1 has dimension {dimension} or {basis.shape[1]}: a singular value is at the tolerance of {rtol:g}; "

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from mjsheaf.checking.loop import body_loop as bodies
-from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop, mean_medium
+from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop, difference_of, mean_medium
 from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
@@ -303,7 +303,13 @@ def test_mean_medium_is_relative_to_what_the_team_follows() -> None:
     scenario = chain(["wamv"] * 2, drift=[1.0, 0.0])
     scenario["targets"][0]["position"] = [0.0, 0.0]
     system = system_of(scenario)
-    time = np.linspace(0.0, 10.0, 50)
+    time = np.linspace(5.0, 15.0, 50)  # a mean does not depend on when it begins
     start = system.team.pack(system.initial)[: system.team.dirichlet.H.shape[0]]
-    q_star = start + np.outer(time, np.tile([0.0, 1.0], 2))
+    q_star = start + np.outer(time - 5.0, np.tile([0.0, 1.0], 2))
     assert mean_medium(system, time, q_star) == pytest.approx(np.tile([1.0, -1.0, 0.0], (2, 1)))
+
+
+def test_vehicles_are_alike_up_to_a_small_share_of_their_response() -> None:
+    response = np.array([[1.0, 2.0], [3.0, 4.0]])
+    assert difference_of(response, response) == 0.0
+    assert difference_of(response, 0.75 * response) == difference_of(0.75 * response, response) == 0.25

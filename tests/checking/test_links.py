@@ -410,7 +410,9 @@ def test_range_bearing_noise_in_space_is_estimated_from_above(away: list[float])
     """It is at most sqrt(2) times that of runs; if q* rests, noise alone turns the agent."""
     runs = [simulate(load_scenario(resting_bearing(away) | {"seed": seed}), backend="ideal") for seed in range(2)]
     rms = np.sqrt(np.mean([rms_error(run)[200:] ** 2 for run in runs]))
-    assert 0.98 < analyse(resting_bearing(away))["links"]["noise"]["error"] / rms < np.sqrt(2.0)
+    noise = analyse(resting_bearing(away))["links"]["noise"]
+    assert 0.98 < noise["error"] / rms < np.sqrt(2.0)
+    assert noise["mean"] == 0.0
 
 
 # -- loss --------------------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import mjsheaf
 from mjsheaf.errors import InputError
+from mjsheaf.law.edges import bound_slopes
 from mjsheaf.law.law import disagreement, measure
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, team_of
@@ -290,6 +291,19 @@ def test_no_position_makes_h_larger_than_its_bound(measures: str) -> None:
         if measures == "range":  # without a cap H is that of the linearised team
             linear = system.team.linearised(x).dirichlet.H.toarray()
             assert np.allclose(H, linear, atol=1e-12)
+
+
+def test_rounds_expect_bearings_at_half_the_distance_of_q_star_whatever_they_weigh() -> None:
+    pairs = [["A", "B"], ["B", "C"], ["C", "A"]]
+    edges = [
+        {"between": pair, "measures": "bearing", "weight": w} for pair, w in zip(pairs, (0.5, 1.0, 3.0), strict=True)
+    ]
+    system = keeping("bearing", communication=edges).system
+    slopes = bound_slopes(system.team, system.initial)
+    q_star = system.team.at_rest(system.initial).reshape(3, 2)
+    distances = np.linalg.norm(q_star - np.roll(q_star, -1, axis=0), axis=1)
+    assert slopes is not None
+    assert slopes.steepest == pytest.approx(2.0 / distances)
 
 
 @pytest.mark.slow(each=True)

@@ -13,7 +13,7 @@ from scipy.optimize import linprog, minimize
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.law.obstacles import ObstacleArrays, distance_from, distances, pack_obstacles
+from mjsheaf.law.obstacles import ObstacleArrays, distance_from, distances, nearest_points, pack_obstacles
 from mjsheaf.law.safety import Cells, Safety, find_near, nearest, nearest_within, new_cells, sort_into_cells
 
 
@@ -317,6 +317,18 @@ def test_the_obstacle_lies_behind_its_plane_and_the_normal_is_the_gradient() -> 
         step = 1e-6 * rng.normal(size=3)
         after, *_ = distance_from(obstacles, k, 0.0, *(p + step))
         assert after - away == pytest.approx(np.dot(normal, step), abs=3e-9 if abs(away) > 1e-3 else 1e-5)
+
+
+def test_nearest_points_lie_on_the_surface_as_far_away_as_it_is() -> None:
+    obstacles, rng = packed(), np.random.default_rng(2)
+    points = np.repeat(rng.uniform(-6.0, 6.0, (30, 3)), len(SOME), axis=0)
+    which, times = np.tile(np.arange(len(SOME)), 30), np.zeros(30 * len(SOME))
+    of_each = np.arange(len(which)), which
+    away = distances(obstacles, np.zeros(1), points[None])[0][of_each]
+    near = nearest_points(obstacles, which, times, points)
+    outside = away > 1e-6
+    assert np.linalg.norm(points - near, axis=1) == pytest.approx(np.abs(away))
+    assert distances(obstacles, np.zeros(1), near[None])[0][of_each][outside] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_one_that_moves_is_no_faster_than_its_bound() -> None:

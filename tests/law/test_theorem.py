@@ -6,6 +6,7 @@ error dynamics whose f_B, Delta and f~ attain their bounds, f~ with |f~| = rho(|
 
 import itertools
 import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,13 @@ def test_sets_are_nested_where_the_gain_condition_holds(
     if t.chi < math.inf:
         assert (t.bound(t.radius_S, times) <= t.chi).all()
         assert t.bound(t.radius_S, times)[-1] == pytest.approx(t.radius, rel=1e-3, abs=1e-3 * t.chi)
+
+
+@examples(80)
+@given(st.lists(number, min_size=2, max_size=4), st.floats(1e-6, 1e6))
+def test_a_polynomial_is_rounded_up(coefficients: list[float], radius: float) -> None:
+    exact = sum(Fraction(c) * Fraction(radius) ** k for k, c in enumerate(coefficients))
+    assert exact <= as_rho(coefficients)(radius) <= exact * (1 + Fraction(1, 10**14))
 
 
 @examples(80)

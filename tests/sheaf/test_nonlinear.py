@@ -154,6 +154,40 @@ def test_an_extension_from_nearby_finds_the_exact_shape(seed: int, measures: str
 
 
 @settings(deadline=None, max_examples=20)
+@given(st.integers(0, 10**6))
+def test_the_energy_is_that_of_the_misfits(seed: int) -> None:
+    """By definition w / 2 times (|z| - r)^2 of a range, |z| |z / |z| - g|^2 of a bearing, |z + b|^2 of a position."""
+    rng = np.random.default_rng(seed)
+    x = np.array(TETRAHEDRON) + rng.uniform(-0.1, 0.1, (4, 3))
+    sheaf = NonlinearSheaf({v: 3 for v in range(4)})  # noqa: C420 - typed
+    terms: list[Any] = []
+    for (i, j), kind in zip(itertools.combinations(range(4), 2), ["range", "bearing", "position"] * 2, strict=True):
+        error = rng.uniform(-0.1, 0.1, 3)
+        length, direction = np.linalg.norm(x[j] - x[i]), x[j] - x[i] + error
+        desired: Any = {
+            "range": [length + error[0]],
+            "bearing": direction / np.linalg.norm(direction),
+            "position": x[i] - x[j] + error,
+        }[kind]
+        weight = float(rng.uniform(0.5, 2.0))
+        sheaf.add_edge(i, j, np.eye(3), np.eye(3), measures=kind, desired=desired, weight=weight)  # type: ignore[arg-type]
+        terms.append((i, j, kind, np.asarray(desired), weight))
+    found = sheaf.harmonic_extension({0: x[0]}, x.ravel())
+    energy = 0.0
+    for i, j, kind, desired, weight in terms:
+        z = found.x[j] - found.x[i]
+        length = np.linalg.norm(z)
+        if kind == "range":
+            energy += 0.5 * weight * (length - desired[0]) ** 2
+        elif kind == "bearing":
+            energy += 0.5 * weight * length * np.sum((z / length - desired) ** 2)
+        else:
+            energy += 0.5 * weight * np.sum((z + desired) ** 2)
+    assert energy > 1e-6
+    assert found.energy == pytest.approx(energy, rel=1e-12)
+
+
+@settings(deadline=None, max_examples=20)
 @given(st.integers(0, 10**6), st.sampled_from([0.3, 3.0]))
 def test_bearings_keep_centroid_and_size(seed: int, scale: float) -> None:
     """From any start an extension with nothing held is the shape, with the size and the centroid of the start."""
