@@ -102,7 +102,7 @@ NO_TABLES: list[Any] = [
 ]
 
 
-@pytest.mark.parametrize("rho", [*NO_BOUNDS, *NO_TABLES], ids=repr)
+@pytest.mark.parametrize("rho", [*NO_BOUNDS, *NO_TABLES])
 def test_what_is_no_bound_is_refused(rho: Any) -> None:
     with pytest.raises(InputError):
         as_rho(rho)
