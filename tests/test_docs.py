@@ -253,6 +253,16 @@ def test_files_that_are_named_are_there(page: str) -> None:
     assert len(names) > 10
 
 
+def test_functions_in_the_walk_of_a_run_are_there() -> None:
+    text = (DOCS / "built.md").read_text()
+    found = re.findall(r"((?:`[\w.]+`(?:, | and )?)+) in `(\w+/\w+\.py)`", text)
+    for names, file in found:
+        source = (REPOSITORY / "mjsheaf" / file).read_text()
+        for name in re.findall(r"`(?:\w+\.)?(\w+)`", names):
+            assert re.search(rf"\b(def|class) {name}\b|^{name}\b", source, re.M), (name, file)
+    assert len(found) > 10
+
+
 def test_readme_is_short() -> None:
     assert len((REPOSITORY / "README.md").read_text().splitlines()) <= 110
 

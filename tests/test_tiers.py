@@ -44,7 +44,7 @@ def leaves(tree: Any) -> Iterator[Any]:
         yield tree
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["midpoint", "harbour"])
 def test_python_and_compiled_code_agree_to_the_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: dict[str, int] = {}

@@ -42,7 +42,7 @@ def abandoned(path: Path, suffix: str = "part", directory: bool = True) -> Path:
     return part
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_next_command_removes_what_a_killed_one_left(tmp_path: Path) -> None:
     out = tmp_path / "out"
     stale = abandoned(out)

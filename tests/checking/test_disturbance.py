@@ -292,7 +292,7 @@ def test_the_screen_has_the_error_of_waves_and_who_cannot_hold_station() -> None
     assert not any(line.startswith("gusts and waves") for line in still)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
     still = prediction(mixed_scenario())
     assert still["rms"] == 0.0

@@ -321,7 +321,7 @@ def test_the_bound_with_terms_holds_from_the_first_sample(terms: dict[str, Any])
     assert known(held.settled_ratio) > 0.2
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_check_names_each_phase_and_its_speeds() -> None:
     record = analyse(changing([change(), change({"formations.ring.radius": 3}, time=0.8, over=None)]))
     phases = record["phases"]

@@ -240,7 +240,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], Comp
     return lines[first:], record
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_answer_is_a_few_lines_with_both_errors(published: tuple[list[str], CompareRecord]) -> None:
     lines, record = published
     assert len(lines) <= 20

@@ -127,7 +127,7 @@ LINKS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("link", LINKS, ids=str)
 def test_rounds_are_what_each_agent_makes_of_what_it_was_sent(link: dict[str, Any]) -> None:
     edges = [{"between": ["boat", "front"], "range": 7.0}, ["front", "back"]]

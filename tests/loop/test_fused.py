@@ -155,7 +155,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
 # -- one step ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_step_of_every_vehicle_is_that_of_mujoco(tmp_path: Path) -> None:
     assert off_by(of_vehicles([*POWERED, *unlike(tmp_path)], 0.002), 30, 1) < EPSILON
 

@@ -109,7 +109,7 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
     assert off <= least + 2e-3 * np.linalg.norm(high)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(places=sets, share=shares)
 @example(  # a corner, with all thrusters at a limit, which few rounds missed by 0.7 % of what the thrusters make

@@ -152,7 +152,7 @@ def test_over_links_the_disagreement_is_the_true_one_and_silence_has_no_effect()
     assert not silent["velocity_command"].fillna(0.0).values.any()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_law_in_python_sees_the_offsets_of_now() -> None:
     seen = []
 

@@ -79,7 +79,7 @@ def drawn_by(draw: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.video.draw.draw_video", lambda films, path, *_: draw(path))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_run_is_there_before_its_video(short: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whole: it can be opened, and says that it has no video yet."""
     place = tmp_path / "run"
