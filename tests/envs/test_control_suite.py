@@ -365,9 +365,11 @@ def child(code: str, **variables: str) -> str:
 
 @pytest.mark.slow
 def test_only_the_environment_loads_its_library() -> None:
+    """Gymnasium is asked for by its register of environments alone, which knows the scenarios once `envs` is loaded."""
     libraries = "{'dm_control', 'gymnasium', 'pettingzoo'}"
-    code = f"import sys, mjsheaf; mjsheaf.simulate; mjsheaf.World; mjsheaf.envs; print({libraries} & set(sys.modules))"
+    code = f"import sys, mjsheaf; mjsheaf.simulate; mjsheaf.World; print({libraries} & set(sys.modules))"
     assert child(code) == "set()"
+    assert child(code + f"; mjsheaf.envs; print({libraries} & set(sys.modules))").splitlines()[1] == "{'gymnasium'}"
 
 
 @pytest.mark.slow
