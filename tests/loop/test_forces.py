@@ -79,6 +79,7 @@ def test_force_is_drag_relative_to_medium_and_command_and_the_moment_holds_the_a
         expected = R @ (vehicle.drag * (R.T @ (command[v] + slip))) - vehicle.mass * world.model.opt.gravity
         np.testing.assert_allclose((force + others)[:3], expected, atol=1e-11 * vehicle.drag.max() * 20.0)
         level = Rotation.from_rotvec([0, 0, system.bodies.heading[v]]).as_matrix()
+        assert (vehicle.hold.frequency, vehicle.hold.damping) == (10.0, 1.0)
         hold = hold_moment(vehicle, R, level, omega)
         trim = np.cross(vehicle.centre_of_mass, R.T @ force[:3] + vehicle.drag * (R.T @ slip))
         np.testing.assert_allclose(force[3:], hold + trim, atol=1e-9 * (1 + np.abs(hold).max()))

@@ -359,3 +359,17 @@ def test_turning_the_world_turns_the_trajectory(angle: float) -> None:
         np.testing.assert_allclose(turned.data.ctrl, plain.data.ctrl, atol=1e-5 * np.abs(plain.data.ctrl).max())
     moved = np.linalg.norm(plain.positions() - start, axis=1)
     assert moved.min() > 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("engine")
+@pytest.mark.parametrize("name", BOATS)
+def test_a_heeled_boat_returns_while_it_is_controlled(name: str) -> None:
+    world = alone(name)
+    world.step(30_000)
+    rest = attitude(world)
+    place(world, rest @ Rotation.from_euler("x", 10, degrees=True).as_matrix())
+    world.step(40_000)
+    R = attitude(world)
+    assert abs(R[2, 1]) < 1e-4
+    assert R[2, 0] == pytest.approx(rest[2, 0], abs=1e-4)

@@ -27,8 +27,9 @@ def any_team_is_worth_threads(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow(each=True)
 @pytest.mark.parametrize("name", ["swarm_radio_shadow", "swarm"])
 def test_threads_do_not_change_a_bit(name: str) -> None:
-    """Of a swarm over links that fail, with events in mid-run, and of one over exact links."""
-    scenario = load_scenario(name, SWARM)
+    """Of a swarm over links that fail, and of one over exact links, with another wind in mid-run."""
+    events = [{"time": 0.5, "set": {"flow.air.drift": [2.0, 0.0, 0.0]}}]
+    scenario = load_scenario(name, SWARM | {"events": events})
     one, *more = (bits(simulate(scenario, engine="fused", threads=threads)) for threads in (1, 2, 3))
     assert all(other == one for other in more)
 

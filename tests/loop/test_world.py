@@ -271,3 +271,14 @@ def test_with_contacts_boats_stop_each_other() -> None:
     gap = x[:, 1] - x[:, 0]
     assert gap.min() > 5.5
     assert gap[-1] == pytest.approx(6.0, abs=0.5)
+
+
+def test_a_blow_up_between_samples_keeps_the_samples_before_it() -> None:
+    """With a huge gain the first command flings bodies away; the start is recorded, and nothing after the blow-up."""
+    system = mixed_scenario(controller={"gain": 1e6, "control_period": 0.01}).system
+    trajectory = run_physics(system)
+    assert trajectory.status == "unstable"
+    for name in ("positions", "velocity", "command", "residual", "quaternions", "thruster_command", "thruster_output"):
+        values = getattr(trajectory.log, name)
+        assert len(values) == len(trajectory.time)
+        assert np.isfinite(values).all(), name
