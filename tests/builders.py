@@ -691,9 +691,9 @@ def names(text: str, *named: object) -> bool:
     return all(re.search(rf"(?<!\w){re.escape(str(each))}(?!\w)", text) for each in named)
 
 
-def pick(record: Any, *paths: str) -> tuple[Any, ...]:
-    """Return what is in the fields of a record, as 'law.radius'."""
-    return tuple(reduce(lambda part, name: part[name], path.split("."), record) for path in paths)
+def pick(record: Any, *paths: str) -> dict[str, Any]:
+    """Return what is in the fields of a record, as 'law.radius', by path."""
+    return {path: reduce(lambda part, name: part[name], path.split("."), record) for path in paths}
 
 
 def known(value: T | None) -> T:

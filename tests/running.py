@@ -70,4 +70,6 @@ def analyse(
     """Return what `check` says of a scenario, of one that ships, or of fields, without a trial."""
     if not isinstance(scenario, Scenario):
         scenario = mjsheaf.load_scenario(scenario, changes)
+    elif changes:
+        raise TypeError("changes are of a scenario that is loaded here")
     return mjsheaf.check(scenario, trial=False, **options)

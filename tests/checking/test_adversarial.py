@@ -77,15 +77,21 @@ def _held_targets_diverge(raw: dict[str, Any]) -> bool:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", range(len(REPORTED)))
+@pytest.mark.parametrize("case", [k for k in range(len(REPORTED)) if k != 6])
 def test_no_reported_case_is_certified_wrongly(case: int) -> None:
-    """Targets that cannot be followed, as in case 6, are not taken to stand still: no claim about them is false."""
-    found = judge({"name": f"case{case}", **REPORTED[case]()})
+    raw = {"name": f"case{case}", **REPORTED[case]()}
+    found = judge(raw)
     for claim in (found.before, found.after):
-        assert claim is None or not claim.broken or not (claim.exact or case == 6)
-    if case != 6:
-        assert not (found.ok and "undecided" in found.verdicts)
-        assert not (found.before.applies and found.status == "blew up")
+        assert claim is None or not claim.exact or not claim.broken
+    assert not (found.ok and "undecided" in found.verdicts)
+    assert not (found.before.applies and found.status == "blew up")
+
+
+@pytest.mark.long
+def test_targets_that_cannot_be_followed_are_not_taken_to_stand_still() -> None:
+    found = judge({"name": "frozen", **REPORTED[6]()})
+    for claim in (found.before, found.after):
+        assert claim is None or not claim.broken
 
 
 @pytest.mark.long
@@ -171,7 +177,8 @@ def test_the_oracles_flow_is_the_packages(seed: int) -> None:
     for x in rng.uniform(-3, 3, (50, 3)):
         x[n:] = 0.0
         oracle.flow(loop, 0, x, w)
-        np.testing.assert_allclose(w[:n], flow.velocity(x[:n]), rtol=1e-11, atol=1e-13)
+        atol = 1e-14 * (1.0 + np.linalg.norm(w))
+        np.testing.assert_allclose(w[:n], flow.velocity(x[:n]), rtol=1e-12, atol=atol)
 
 
 def test_the_oracles_references_pass_through_their_points_with_their_velocities() -> None:

@@ -85,9 +85,12 @@ def test_an_unstable_law_does_not_hold(capsys: Capture) -> None:
     assert call("check", "paper", "--no-trial", "--json", *change) == 1
     captured = capsys.readouterr()
     record = json.loads(captured.out)
-    assert pick(record, "ok", "law.stable") == (False, False)
+    assert pick(record, "ok", "law.stable") == {"ok": False, "law.stable": False}
     assert record["law"]["spectral_radius"] > 1.0
-    assert pick(record, "law.radius", "law.stable_gains") == (None, pytest.approx([0.0, 90.589], abs=1e-3))
+    assert pick(record, "law.radius", "law.stable_gains") == {
+        "law.radius": None,
+        "law.stable_gains": pytest.approx([0.0, 90.589], abs=1e-3),
+    }
     assert "controller.gain" in captured.err
 
 
@@ -106,19 +109,24 @@ def test_failing_example_is_explained_and_mended(capsys: Capture) -> None:
     (direction,) = found["basis"]
     assert direction["description"] == "A1, A2, A3 are free along z together"
     assert direction["motion"] == {a: [0.0, 0.0, 1.0] for a in ("A1", "A2", "A3")}
-    assert pick(found, "mending.needed", "mending.exact") == (1, True)
+    assert pick(found, "mending.needed", "mending.exact") == {"mending.needed": 1, "mending.exact": True}
     (repair,) = found["mending"]["repairs"]
     assert repair["kind"] == "anchor"
     assert found["mending"]["lambda_min"] > 0.1
     mended = analyse("altitude_anchor")
-    assert pick(mended, "ok", "relative_cohomology.mending") == (True, None)
+    assert pick(mended, "ok", "relative_cohomology.mending") == {"ok": True, "relative_cohomology.mending": None}
 
 
 @pytest.mark.slow
 def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
     record = analyse("certified")
     theorem = record["theorem"]
-    assert pick(theorem, "applies", "approximate", "chi", "chi_infinite") == (True, False, None, True)
+    assert pick(theorem, "applies", "approximate", "chi", "chi_infinite") == {
+        "applies": True,
+        "approximate": False,
+        "chi": None,
+        "chi_infinite": True,
+    }
     assert theorem["initial_error_inside_S"] is True
     assert theorem["lambda_V"] == pytest.approx(theorem["k_min"] - theorem["rho"])
     slower = analyse("certified", rate=theorem["lambda_V"] / 2)["theorem"]
@@ -184,7 +192,7 @@ def test_bad_rate_and_radius() -> None:
 
 def test_a_bound_is_not_claimed_beside_a_speed_limit_or_an_unstable_hold() -> None:
     limited = analyse("certified", {"controller.velocity_limit": 1.0})["theorem"]
-    assert pick(limited, "gain_condition", "applies") == (True, False)
+    assert pick(limited, "gain_condition", "applies") == {"gain_condition": True, "applies": False}
     assert "speed limit" in limited["reason"]
     assert limited["weaker"]["radius"] is None
     held = {"controller.control_period": 0.4, "physics.timestep": 0.002}

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from mjsheaf.checking.spectrum import explain
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
+from mjsheaf.team.team import sparsified
 from tests.builders import Array, hold, make_edge, make_team, turn
 from tests.oracles.law import coboundary
 from tests.strategies import exact_rank, shared_teams, whole_number_teams
@@ -152,6 +154,20 @@ def test_at_most_three_barely_held_directions() -> None:
 
 
 # -- at size ---------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2**31), st.lists(st.integers(1, 4), min_size=1, max_size=4))
+def test_disjoint_motions_are_found_again(seed: int, sizes: list[int]) -> None:
+    """Motions of disjoint groups of coordinates, mixed at random, come out as they were."""
+    rng = np.random.default_rng(seed)
+    motions = np.zeros((sum(sizes) + 2, len(sizes)))
+    for k, block in enumerate(np.split(rng.permutation(len(motions))[: sum(sizes)], np.cumsum(sizes)[:-1])):
+        motions[block, k] = rng.uniform(0.5, 1.0, len(block))
+    motions /= motions.max(axis=0)
+    order = np.argsort(np.argmax(motions != 0.0, axis=0))
+    mixed = motions @ np.linalg.qr(rng.standard_normal((len(sizes), len(sizes))))[0]
+    found = sparsified(csr_array(mixed), np.arange(len(mixed))).toarray()
+    np.testing.assert_allclose(found, motions[:, order], atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["shared", "local_frame"])

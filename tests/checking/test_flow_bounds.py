@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mjsheaf.checking.theorem.flow_bounds import Supremum
+from mjsheaf.checking.theorem.flow_bounds import Supremum, _Kernels
 from mjsheaf.checking.theorem.flow_bounds import supremum as supremum_of
 from mjsheaf.media import FlowField
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
@@ -99,6 +99,41 @@ def test_nothing_in_the_box_exceeds_the_bound(
     assert np.all(low <= found.where)
     assert np.all(found.where <= high)
     np.testing.assert_allclose(value(supremum, field, found.where, planar), found.seen, rtol=1e-9, atol=1e-13)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slope", [False, True], ids=["speed", "slope"])
+@examples(150)
+@given(seed=SEEDS, space=SPACES)
+def test_the_bound_of_one_cell_holds(slope: bool, seed: int, space: tuple[int, bool]) -> None:
+    """Each bound separately: each kernel over a cell, and its second derivative, by differences."""
+    (dimension, planar), rng = space, np.random.default_rng(seed)
+    field = random_field(rng, dimension)
+    kernels = _Kernels(field.table, dimension, 2 if planar or dimension == 2 else 3, True)
+    n = kernels.n
+    half = 10.0 ** rng.uniform(-2, 0.5, (1, n))
+    if not kernels.count:
+        return
+    centre = kernels.centre[:1] + rng.standard_normal(n) * half * 2.0
+    points = rng.uniform(centre - half, centre + half, (400, n))
+    points = np.concatenate(
+        [points, np.clip(np.concatenate([kernels.candidates(), centre]), centre - half, centre + half)]
+    )
+
+    a = np.linalg.norm(half, axis=1)
+    both = kernels._pole_bounds(centre, half, slope), kernels._channel_bounds(centre, half, a, slope)
+    largest, curvature = (np.concatenate(b, axis=1)[0] for b in zip(*both, strict=True))
+    w, J = kernels.evaluate(points)
+    sizes = np.linalg.norm(J, ord=2, axis=(-2, -1)) if slope else np.linalg.norm(w, axis=-1)
+    assert np.all(sizes <= largest * (1.0 + 1e-12))
+    i, j = np.triu_indices(len(points[:60]), 1)
+    apart = np.linalg.norm(points[i] - points[j], axis=1)[:, None]
+    change = np.linalg.norm(J[i] - J[j], ord=2, axis=(-2, -1))
+    assert np.all(change <= curvature * apart * (1.0 + 1e-9) + 1e-9 * np.abs(J).max(initial=0.0))
+
+    values, bounds = kernels.bounds(centre, half, slope)
+    assert np.all(kernels.values(points, slope) <= bounds)
+    assert values[0] <= bounds[0]
 
 
 @pytest.mark.slow

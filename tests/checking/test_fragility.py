@@ -149,9 +149,42 @@ SPLIT = make_team(
     ids=["chain", "altimeter", "parallel", "uneven", "last agent", "split", "by height"],
 )
 def test_what_breaks_is_named(team: Team, breaking: str) -> None:
-    """What fails already hides nothing, and what a lost agent was free to do is lost with it."""
+    """What a lost agent was free to do is lost with it."""
     everything_is_as_tried(team)
     assert {loss.name for loss in single_losses(team)[0] if loss.breaks} == set(breaking.split(", "))
+
+
+def test_parallel_edges_are_lost_one_at_a_time() -> None:
+    """Losing one of two leaves the other: nothing breaks, and each is named; a cut takes both."""
+    double = make_team("B1 B2", "S1", [("B1", "B2"), ("B2", "B1")], [("B1", "S1"), ("B1", "S1")])
+    found = {loss.name: loss for loss in single_losses(double)[0]}
+    each = {"B1 - B2 (1 of 2)", "B2 - B1 (2 of 2)", "B1 - S1 (1 of 2)", "B1 - S1 (2 of 2)", "B1", "B2", "S1"}
+    assert found.keys() == each | {"B1 - B2 (all 2)", "B1 - S1 (all 2)"}
+    assert found["B1 - B2 (all 2)"].breaks == (CONNECTED, TRIVIAL)
+    assert found["B1 - S1 (all 2)"].breaks == found["S1"].breaks == (SENSED, TRIVIAL)
+    assert all(not loss.breaks for name, loss in found.items() if "of 2" in name)
+    assert found["B1"].breaks == (SENSED, TRIVIAL)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_what_fails_already_hides_nothing(exact: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not exact:
+        monkeypatch.setattr("mjsheaf.checking.spectrum.EXACT_STATES", 0)
+    found = fragility(SPLIT)
+    assert found.worst is None
+    free = (TRIVIAL,) * exact
+    assert {loss.name: loss.breaks for loss in found.critical} == {
+        "B1 - S1": (SENSED,),
+        "B2 - S2": (SENSED,),
+        "S1": (SENSED,),
+        "S2": (SENSED,),
+        "B1": (SENSED,),
+        "B2": (SENSED,),
+        "B1 - B2": (CONNECTED,),
+        "B3 - B4": (CONNECTED, *free),
+        "B4 - B5": (CONNECTED, *free),
+        "B4": (CONNECTED, *free),
+    }
 
 
 @example(SPLIT)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.polynomial.chebyshev import chebroots
 from scipy.signal import lfilter
 
 import mjsheaf
@@ -216,12 +217,49 @@ def test_a_law_that_is_not_linear_is_undecided(term: Callable[[Array], Array], m
     assert "because of term drift" in record.reason
 
 
-@pytest.mark.parametrize("terms", [{"newton": {"rounds": 5}, "drift": {}}, {"integral": {"gain": 0.2}}])
-def test_the_largest_delay_is_the_last_at_which_the_loop_is_stable(terms: dict[str, Any]) -> None:
-    """With one eigenvalue that rounds meet exactly the law remembers nothing; its delay is decided all the same."""
-    changes = {f"controller.{name}": term for name, term in terms.items()}
-    loop = loop_of(mjsheaf.load_scenario("midpoint", changes).system)
-    assert loop.feedback.A.shape[1:] == ((0, 0) if "newton" in terms else (1, 1))
-    all_delayed = np.ones(1, dtype=np.bool_)
-    limit = int(known(largest_delay(loop, all_delayed, lambda delay: loop.radius_at(int(delay[0])))))
-    assert [loop.radius_at(delay) < 1.0 for delay in (0, limit - 1, limit, limit + 1)] == [True, True, True, False]
+def test_one_eigenvalue_that_rounds_meet_exactly() -> None:
+    """The law then remembers nothing, and its delay is decided all the same."""
+    system = mjsheaf.load_scenario("midpoint", {"controller.newton": {"rounds": 5}, "controller.drift": {}}).system
+    loop = loop_of(system)
+    assert loop.feedback.A.shape[1:] == (0, 0)
+    assert nyquist_limit(loop) == scanned_limit(loop)
+
+
+@pytest.mark.parametrize("names", [(), ("newton",), ("integral",), ("newton", "integral")])
+def test_the_largest_delay_is_that_of_nyquists_count(names: tuple[str, ...]) -> None:
+    terms = {"newton": {"rounds": 2}, "integral": {"gain": 0.2}}
+    changes = {f"controller.{name}": terms[name] for name in names}
+    for gain in (1.5, 4.0):
+        loop = loop_of(mjsheaf.load_scenario("midpoint", {**changes, "controller.gain": gain}).system)
+        assert nyquist_limit(loop) == scanned_limit(loop)
+        assert nyquist_limit(loop) > 0
+
+
+def scanned_limit(loop: Loop) -> int | None:
+    """Return the largest delay of all measurements, in periods."""
+    return largest_delay(loop, np.ones(1, dtype=np.bool_), lambda delay: loop.radius_at(int(delay[0])))
+
+
+def nyquist_limit(loop: Loop) -> int:
+    """Oracle: the largest delay of loops 1 + L(z) z^-d, each with a single frequency at which |L| = 1.
+
+    L is the loop without delay; its poles lie on z = 1 or inside the unit circle. If |L| = 1 at theta alone, the loop
+    is stable up to d theta = pi + arg L there, and unstable beyond.
+    """
+    limits = []
+    feedback = loop.feedback
+    for A, b, c, d in zip(feedback.A, feedback.B[:, :, 0], feedback.C, feedback.D[:, 0], strict=True):
+        below = np.atleast_1d(np.poly(np.linalg.eigvals(A)))  # of L, powers of z descending
+        # c adj(z - A) b = det(z - A + b c) - det(z - A)
+        closed = np.atleast_1d(np.poly(np.linalg.eigvals(A - np.outer(b, c))))
+        above = np.append(0.0, -loop.period * (closed + (d - 1.0) * below))
+        below = np.convolve(below, [1.0, -1.0])
+        square = [np.correlate(p, p, "full")[len(p) - 1 :] for p in (below, above)]
+        series = (square[0] - square[1]) * np.append(1.0, np.full(len(below) - 1, 2.0))
+        roots = chebroots(np.trim_zeros(series, "b"))
+        (cosine,) = roots[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) < 1.0)].real
+        theta = np.arccos(cosine)
+        z = np.exp(1j * theta)
+        L = np.polyval(above, z) / np.polyval(below, z)
+        limits.append(((np.angle(L) + np.pi) % (2.0 * np.pi)) / theta)
+    return int(np.ceil(min(limits) - 1e-9)) - 1

@@ -178,7 +178,10 @@ def test_ranges_too_short_to_meet_hold_an_agent_between_them() -> None:
     between = build_scenario({"A": [0.1, 0.3]}, targets, sensing, time={"end": 5.0}, controller=law)
     record = analyse(between)
     assert record["ok"]
-    assert pick(record, "rigidity.localizable", "rigidity.rate") == (True, pytest.approx(1.0, rel=1e-9))
+    assert pick(record, "rigidity.localizable", "rigidity.rate") == {
+        "rigidity.localizable": True,
+        "rigidity.rate": pytest.approx(1.0, rel=1e-9),
+    }
     assert record["law"]["spectral_radius"] == pytest.approx(0.98, rel=1e-9)
     assert record["relative_cohomology"]["dimension"] == 0
     run = simulate(between, backend="ideal")

@@ -80,6 +80,10 @@ def test_links_are_undecided_too() -> None:
     record = examine(replace(system, law=system.law._replace(gain=gain))).record.model_dump(mode="json")
     links = record["links"]
     assert record["ok"] is False
-    assert pick(links, "stable", "noise_rms", "delay_margin") == (None, None, None)
+    assert pick(links, "stable", "noise_rms", "delay_margin") == {
+        "stable": None,
+        "noise_rms": None,
+        "delay_margin": None,
+    }
     for part in ("delay", "noise", "loss"):
         assert "because of gains that differ between agents" in links[part]["reason"]

@@ -142,7 +142,7 @@ def test_without_a_velocity_limit_the_margin_is_that_of_the_vehicles_top_speed()
     assert analyse(raw)["safety"]["without_margin"] == []
     raw["agents"][1] |= {"vehicle": "hull"}
     found = analyse(raw)["safety"]
-    assert pick(found, "without_margin", "margins.B2") == (["B2"], 0.0)
+    assert pick(found, "without_margin", "margins.B2") == {"without_margin": ["B2"], "margins.B2": 0.0}
 
 
 # -- where agents of a run on ideal kinematics come to rest, and by hand -----------------------------------------------

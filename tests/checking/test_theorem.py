@@ -103,7 +103,7 @@ def test_published_run_fails_the_gain_condition_and_keeps_the_weaker_bound(simul
     record = analyse("paper")
     theorem = record["theorem"]
     assert record["ok"] is True
-    assert pick(theorem, "applies", "k_min") == (False, pytest.approx(2.2105, abs=1e-3))
+    assert pick(theorem, "applies", "k_min") == {"applies": False, "k_min": pytest.approx(2.2105, abs=1e-3)}
     assert theorem["rho"] > 50.0
     assert "does not exceed rho" in theorem["reason"]
     assert theorem["lambda_min"] == pytest.approx(0.4421094525282422, abs=1e-9)

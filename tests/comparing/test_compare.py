@@ -161,7 +161,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
     assert call("compare", "midpoint", *SHORT, *small, "--out", out) == 0
     assert {p.name for p in out.iterdir()} == set(COMPARISON_FILES)
     meta = next(imageio_ffmpeg.read_frames(str(out / "compare.mp4")))
-    assert pick(meta, "size", "fps") == ((2 * 160 + 4, 120), 4)
+    assert pick(meta, "size", "fps") == {"size": (2 * 160 + 4, 120), "fps": 4}
 
 
 def test_both_curves_of_the_video_have_one_axis() -> None:

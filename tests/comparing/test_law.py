@@ -211,7 +211,7 @@ def test_run_compares_with_bounds_of_its_own_law_only(laws: Path, tmp_path: Path
     assert expect == {"met": None, "checks": [], "reason": "the bounds are for the law laws.py:Same"}
     assert call(*command, "--expect") == 1
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert pick(summary, "controller", "expect.met") == ("laws.py:Same", False)
+    assert pick(summary, "controller", "expect.met") == {"controller": "laws.py:Same", "expect.met": False}
 
 
 def test_a_scenario_keeps_the_field() -> None:

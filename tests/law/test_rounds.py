@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
+from mjsheaf.checking.loop.held_law import loop_of
+from mjsheaf.errors import UndecidedError
 from mjsheaf.law.law import Memory, carry, evaluate_law, look, new_memory
 from mjsheaf.loop.system import System
 from mjsheaf.noise import stream_of, uniforms
@@ -118,9 +120,9 @@ def wander(scenario: Scenario, T: int, each: Callable[[int, Array, Memory], None
 
 
 LINKS: list[dict[str, Any]] = [
+    {"delay": 0.03, "loss": 0.4},
     {"loss": 0.3},
     {"delay": 0.01},
-    {"delay": 0.03, "loss": 0.4},
     {"loss": BURSTS},
     {"delay": 0.02, "loss": BURSTS},
     {},
@@ -261,6 +263,16 @@ def test_traffic_is_one_round_a_term_and_period_under_a_delay() -> None:
         for link in ({}, {"loss": 0.5}, {"delay": 0.01}, {"delay": 0.1, "loss": 0.1})
     ]
     assert sent == [5 * 20, 5 * 20, 2 * 20, 2 * 20]
+
+
+@pytest.mark.parametrize(
+    "fields", [{"links.rounds.delay": 0.01}, {"links.rounds.loss": 0.1}, {"links.communication.range": 90}]
+)
+def test_check_does_not_claim_to_know_the_held_law(fields: dict[str, Any]) -> None:
+    scenario = load_scenario("paper", {"controller.newton.rounds": 3, **fields})
+    with pytest.raises(UndecidedError, match="delayed or lost"):
+        loop_of(scenario.system)
+    assert loop_of(load_scenario("paper", fields).system).radius < 1.0  # the paper's law has no rounds
 
 
 @pytest.mark.slow

@@ -68,6 +68,19 @@ def test_velocity_is_that_of_the_published_run(name: str) -> None:
     np.testing.assert_allclose(of_facts(facts).velocity(points), expected, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("distance", [0.02, 0.15, 1.0, 10.0], ids=lambda d: f"within {d} m of a core")
+def test_jacobian_is_the_derivative(name: str, distance: float) -> None:
+    facts = FACTS[name]
+    field = of_facts(facts)
+    rng = np.random.default_rng(2)
+    for p in singular_points(facts):
+        for x in p + distance * rng.uniform(-1, 1, (5, len(p))):
+            expected = differences(field, x, 1e-3)
+            size = max(1.0, float(np.abs(expected).max()))
+            np.testing.assert_allclose(flow_jacobian(field, x), expected, atol=3e-6 * size)
+
+
 @given(st.integers(0, 2**31), st.sampled_from([2, 3]), st.sampled_from([2, 3]))
 def test_any_field_has_its_derivative(seed: int, dimension: int, of_points: int) -> None:
     """Random kernels, axes that are not unit vectors, and points of either dimension."""

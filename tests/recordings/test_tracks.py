@@ -141,6 +141,7 @@ FORMS: dict[str, tuple[Variables, dict[str, Any], np.ndarray]] = {
         ROWS,
     ),
     "fill value": (single(lat=("time", np.append(LAT[:3], 1e20), {**NORTH, "_FillValue": 1e20})), ORIGIN, ROWS[:3]),
+    "valid maximum": (single(z=("time", np.append(UP[:3], 80.0), {**HEIGHT, "valid_max": 70.0})), ORIGIN, ROWS[:3]),
     "other variables": (
         {**single(), "sst": ("time", T), "u": ("time", T, {"standard_name": "eastward_wind"})},
         ORIGIN,
