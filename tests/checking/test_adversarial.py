@@ -177,7 +177,7 @@ def test_the_oracles_flow_is_the_packages(seed: int) -> None:
     for x in rng.uniform(-3, 3, (50, 3)):
         x[n:] = 0.0
         oracle.flow(loop, 0, x, w)
-        atol = 1e-14 * (1.0 + np.linalg.norm(w))
+        atol = 1e-14 * (1.0 + float(np.linalg.norm(w)))
         np.testing.assert_allclose(w[:n], flow.velocity(x[:n]), rtol=1e-12, atol=atol)
 
 
