@@ -189,11 +189,11 @@ def _two_behind(
     )
 
 
-def chase(end: float = 3.0, /, **fields: Any) -> Scenario:
+def boat_and_drone(end: float = 3.0, /, **fields: Any) -> Scenario:
     """A boat and a drone after a drone; fields replace fields."""
     return make_scenario(
         {
-            "name": "chase",
+            "name": "boat_and_drone",
             "time": {"end": end},
             "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0, 2]}],
             "targets": [{"id": "T", "position": [5, 1, 2]}],

@@ -60,7 +60,7 @@ def draw() -> Figure:
     axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axis.set(xlim=(0.0, 10.0), ylim=(0.3, 6.3))
     axis.set_axis_off()
-    headings = {6.1: "call what is below", 4.9: "a run, from its file to what is looked at", 1.3: "used by all"}
+    headings = {6.1: "call what is below", 4.9: "a run, from its file to what is looked at", 1.3: "underneath"}
     for row, words in headings.items():
         axis.text(0.1, row, words, ha="left", va="center", fontsize=8, color=_GREY, style="italic")
     for name, (left, bottom, width, colour, content) in BOXES.items():

@@ -26,7 +26,6 @@ from mjsheaf.noise import next_seed
 from mjsheaf.progress import shown
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Edge
-from mjsheaf.vehicles.effects import of_each
 
 DEFAULT_ACTION_LIMIT = 10.0
 """Largest action of an agent without a velocity limit whose thrusters have no limits either, m/s."""
@@ -119,7 +118,7 @@ class Episode:
         self.agents = list(team.agent_ids)
         limits = scenario.whole.law.limit[: len(self.agents)]
         vehicles = scenario.whole.vehicles[: len(self.agents)]
-        speed = of_each(vehicles, lambda vehicle: vehicle.capability.forward_speed)
+        speed = np.array([vehicle.capability.forward_speed for vehicle in vehicles])
         limits = np.where(np.isfinite(limits), limits, speed)
         self.action_limits = np.where(np.isfinite(limits) & (limits > 0.0), limits, DEFAULT_ACTION_LIMIT)
         each = _thrust_limits(scenario) if action == "thrust" else self._velocity_limits()

@@ -30,7 +30,7 @@ from mjsheaf.media.medium import (
 from mjsheaf.media.varying import Bounds, Exposure
 from mjsheaf.team import Team
 from mjsheaf.vehicles.allocation import EffectivenessArrays
-from mjsheaf.vehicles.effects import Effects, embody, hold_station, of_each
+from mjsheaf.vehicles.effects import Effects, embody, hold_station
 from mjsheaf.vehicles.vehicle import Vehicle, kinds_of
 
 if TYPE_CHECKING:
@@ -365,7 +365,7 @@ class System:
         top = self.law.limit.copy()
         top[len(self.team.agents) :] = 0.0
         unlimited = np.flatnonzero(np.isinf(top))
-        top[unlimited] = of_each([self.vehicles[v] for v in unlimited], lambda one: one.capability.top_speed)
+        top[unlimited] = [self.vehicles[v].capability.top_speed for v in unlimited]
         return top
 
     @cached_property

@@ -51,7 +51,6 @@ from mjsheaf.show.played import (
 )
 from mjsheaf.show.solids import kinds_of, obstacle_places, obstacle_solids, quaternion_of
 from mjsheaf.show.style import OBSTACLE, list_scales
-from mjsheaf.vehicles.effects import of_each
 
 if TYPE_CHECKING:
     from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
@@ -485,7 +484,7 @@ def _scene(
     system, bodies, N = phases[0].system, has_bodies(dataset), content.agents
     kinds, kind = kinds_of(system.vehicles)
     agents = system.vehicles[:N] if bodies else []
-    able = of_each(agents, lambda vehicle: vehicle.capability.least_speed)
+    able = np.array([vehicle.capability.least_speed for vehicle in agents])
     limits = [np.where(phase.system.team.present, phase.system.law.limit[:N], np.nan).tolist() for phase in phases]
     return {
         "agents": content.agent_ids,

@@ -37,7 +37,6 @@ from mjsheaf.results.ending import ROUNDING, Stuck, find_stuck
 from mjsheaf.results.store import pieces_of
 from mjsheaf.show.played import joined
 from mjsheaf.team import Team
-from mjsheaf.vehicles.effects import of_each
 
 Kind = Literal[
     "bound",
@@ -169,7 +168,7 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
     by_law = not dataset.attrs.get("controller")
     N = len(ids)
     # Speed of the vehicle in its slowest direction.
-    own_speed = of_each(system.vehicles[:N], lambda v: v.capability.least_speed) if bodies else np.full(N, np.inf)
+    own_speed = np.array([v.capability.least_speed for v in system.vehicles[:N]]) if bodies else np.full(N, np.inf)
     present_in = np.array([phase.system.team.present for phase in phases])
     limit_in = np.array([phase.system.law.limit[:N] for phase in phases])
     present, saturated, limited, exceeded = np.zeros((4, N))  # numbers of samples

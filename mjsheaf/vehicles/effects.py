@@ -17,7 +17,6 @@ do not lack turning.
 """
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,16 +27,10 @@ from mjsheaf.arrays import Array
 from mjsheaf.section import Duration, Section
 from mjsheaf.vehicles.actuators import WEAK_SIDE, Thruster
 from mjsheaf.vehicles.steering import Full, ThrustVector
-from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle, kinds_of, solve_drag
+from mjsheaf.vehicles.vehicle import ROW_NAMES, Vehicle, solve_drag
 
 SURGE, YAW = 0, 5
 _AROUND = np.radians(np.arange(-181.0, 182.0))  # headings, rad, a little more than once around
-
-
-def of_each(vehicles: Sequence[Vehicle], measure: Callable[[Vehicle], float]) -> Array:
-    """Evaluate a measure of every vehicle, shape (V,), once for identical ones."""
-    kinds, number = kinds_of(vehicles)
-    return np.array([measure(vehicle) for vehicle in kinds])[number]
 
 
 def is_one_sided(vehicle: Vehicle) -> bool:

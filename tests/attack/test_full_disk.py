@@ -27,6 +27,7 @@ from tests.commands import (
     is_refusal,
     leftovers,
 )
+from tests.oracles.full_disk import SmallDisk, small_disk
 
 STUDY = ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3"]
 STUDY += ["--trajectories", "--threads", "--workers", "1", "--out"]
@@ -117,26 +118,10 @@ def test_the_interpreter_survives(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-class SmallDisk:
-    """A tmpfs."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def resize(self, kilobytes: int) -> None:
-        subprocess.run(["mount", "-o", f"remount,size={kilobytes}k", self.path], check=True)
-
-
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[SmallDisk]:
-    place = tmp_path / "disk"
-    place.mkdir()
-    try:
-        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8k", "tmpfs", place], check=True, capture_output=True)
-    except (OSError, subprocess.CalledProcessError):
-        pytest.skip("no tmpfs can be mounted here")
-    yield SmallDisk(place)
-    subprocess.run(["umount", place], check=True)
+    with small_disk(tmp_path / "disk", "8k") as made:
+        yield made
 
 
 @pytest.mark.long
@@ -150,11 +135,11 @@ def test_every_command_on_a_disk_that_is_really_full(disk: SmallDisk) -> None:
     }
     for arguments, sizes in commands.values():
         for size in sizes:
-            disk.resize(size)
+            disk.remount(f"size={size}k")
             answer = answer_of(*arguments)
             assert is_refusal(answer, "cannot be written: No space left on device"), (arguments, size, answer)
             assert list(disk.path.iterdir()) == []
-        disk.resize(4000)
+        disk.remount("size=4000k")
         assert answer_of(*arguments).code in (0, 3)
         assert leftovers(disk.path) == []
         for path in sorted(disk.path.rglob("*"), reverse=True):
@@ -166,9 +151,9 @@ def test_a_study_on_a_disk_that_is_really_full(disk: SmallDisk, tmp_path: Path) 
     assert answer_of(*STUDY, tmp_path / "whole").code == 0
     for size in (12, 60, 100, 140):
         out = disk.path / str(size)
-        disk.resize(size)
+        disk.remount(f"size={size}k")
         assert is_refusal(answer_of(*STUDY, out), "No space left on device"), size
-        disk.resize(4000)
+        disk.remount("size=4000k")
         assert answer_of(*STUDY, out).code == 0
         assert contents(out) == contents(tmp_path / "whole")
         for path in sorted(disk.path.rglob("*"), reverse=True):

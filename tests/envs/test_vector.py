@@ -15,7 +15,7 @@ from mjsheaf.envs import env, vector_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
-from tests.builders import chase, mixed_scenario, refused
+from tests.builders import boat_and_drone, mixed_scenario, refused
 from tests.envs.test_faces import still
 
 NOISY = {"all": {"delay": 0.02, "noise": 0.2, "loss": 0.3, "range": 50.0}}
@@ -152,7 +152,7 @@ def test_a_new_seed_changes_neither_recorded_paths_nor_fixed_targets() -> None:
     targets += [{"id": "lead", "position": [5, 9], "motion": {"kind": "waypoints", "points": [[9, 9]], "speed": 1}}]
     agents = [{"id": name, "position": [k, 0]} for k, name in enumerate("AB")]
     spread, sensing = {"position": 0.5}, [["A", "beacon"], ["B", "lead"]]
-    scenario = chase(0.1, agents=agents, targets=targets, spread=spread, sensing=sensing)
+    scenario = boat_and_drone(0.1, agents=agents, targets=targets, spread=spread, sensing=sensing)
     worlds = vector_env(scenario, 2)
     found, _ = worlds.reset(seed=5)
     assert worlds._worlds is not None

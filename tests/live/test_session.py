@@ -10,7 +10,7 @@ from mjsheaf import check, load_scenario
 from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
 from mjsheaf.live.live import Recorder, stable_gain
 from mjsheaf.loop.session import Session
-from tests.builders import chase, refused
+from tests.builders import boat_and_drone, refused
 
 
 def test_a_later_gain_at_the_same_sample_replaces_the_first() -> None:
@@ -70,7 +70,7 @@ def test_agents_that_would_be_free_to_drift_cannot_be_made_so() -> None:
 def test_a_refusal_says_who_would_be_free() -> None:
     """Three boats in a chain of which the first senses the target."""
     agents = [{"id": f"B{k}", "position": [5.0 * k, 0.0]} for k in (1, 2, 3)]
-    chain = chase(1.0, agents=agents, communication=[["B1", "B2"], ["B2", "B3"]], sensing=[["B1", "T"]])
+    chain = boat_and_drone(1.0, agents=agents, communication=[["B1", "B2"], ["B2", "B3"]], sensing=[["B1", "T"]])
     with Session(chain, "ideal") as session:
         recorder = Recorder(session)
         for action, words in (

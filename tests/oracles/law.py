@@ -2,6 +2,9 @@
 
 An edge e = (i, j) measures y_e = F_j x_j - F_i x_i. Its tail adds -F_i^T K (y_e + b_e) to its eta, its head
 F_j^T K (y_e + b_e), and q* is where every eta is zero. Positions x are padded to (..., V, 3), m, agents first.
+
+Of the package it takes the team's matrices, and for `velocity_commands` and `medium` the targets' reference, the steady
+flow and the disturbance, which tests of their own hold to formulas.
 """
 
 from collections.abc import Sequence

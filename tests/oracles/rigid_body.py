@@ -1,7 +1,7 @@
 """A rigid body and its attitude hold, after Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2011.
 
 Section 3.3 has the mass matrix about an origin that is not the centre of mass. The hold is that of
-`docs/mathematics.md`.
+`docs/mathematics.md`; its frequency and damping are the vehicle's own.
 """
 
 import numpy as np

@@ -18,7 +18,7 @@ from mjsheaf.results.store import length_of_piece, pieces_of
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario, scenario_from_mapping
-from tests.builders import chase
+from tests.builders import boat_and_drone
 from tests.running import run_physics
 
 BACKENDS = ("ideal", "physics")
@@ -29,7 +29,7 @@ PAIR = {"name": "pair", "members": ["A", "B"], "about": "T", "shape": "line", "s
 
 def scenario(end: float = 0.5, **fields: Any) -> Scenario:
     """A formation of a boat and a drone."""
-    return chase(end, formations=[PAIR], **fields)
+    return boat_and_drone(end, formations=[PAIR], **fields)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
 from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, fault_of, reference
 from mjsheaf.results.store import Memory, send
 from mjsheaf.runs.simulate import stream
-from tests.builders import chase
+from tests.builders import boat_and_drone
 
 BACKENDS = ("ideal", "physics")
 SPEED = Variable(
@@ -40,7 +40,7 @@ def test_one_entry_is_in_the_file_and_in_the_reference(
     backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(dataset, "VARIABLES", [*VARIABLES, SPEED])
-    run = chase(0.3)
+    run = boat_and_drone(0.3)
     write_dataset(stream(run.system, backend, 0, samples=7), tmp_path / "result.nc")
     with open_dataset(tmp_path / "result.nc") as found:
         assert found["agent_speed"].attrs == {"units": "m s-1", "long_name": "speed over ground of each agent"}
@@ -72,7 +72,7 @@ def test_a_compiled_reader_writes_while_the_loop_runs(backend: str, monkeypatch:
     monkeypatch.setitem(READERS, "first", (inline_jit(first), 1))
     monkeypatch.setitem(READERS, "residual", (inline_jit(residual), 3))
     monkeypatch.setattr(dataset, "VARIABLES", [*VARIABLES, *added])
-    found = simulate(chase(0.3), backend)
+    found = simulate(boat_and_drone(0.3), backend)
     np.testing.assert_array_equal(found["as_heard"][..., :2], found["disagreement_vector"][..., :2])
     np.testing.assert_array_equal(found["heading_east"], found["velocity_command"][..., 0])
 
@@ -95,10 +95,10 @@ class Counting:
 
 
 def test_sinks_get_chunks_of_a_tenth_of_a_second_and_the_same_run() -> None:
-    run, counting, memory = chase(0.3), Counting(), Memory()
+    run, counting, memory = boat_and_drone(0.3), Counting(), Memory()
     send(stream(run.system, "ideal", run.seed, samples=10), counting, memory)
     assert counting.told == ["open", "write 10", "write 10", "write 10", "write 1", "close"]
-    assert counting.scenario == "chase"
+    assert counting.scenario == "boat_and_drone"
     whole = simulate(run, "ideal")
     assert dataset_bytes(memory.dataset) == dataset_bytes(whole)
     for name, attrs in counting.variables.items():
@@ -107,7 +107,7 @@ def test_sinks_get_chunks_of_a_tenth_of_a_second_and_the_same_run() -> None:
 
 @pytest.mark.parametrize("before", [0, 1])
 def test_every_sink_is_closed_whatever_fails(before: int) -> None:
-    run, sinks = chase(0.3), (Counting(), Counting())
+    run, sinks = boat_and_drone(0.3), (Counting(), Counting())
 
     def failing() -> Any:
         for number, chunk in enumerate(stream(run.system, "ideal", 0, samples=10)):
@@ -124,7 +124,7 @@ def test_every_sink_is_closed_whatever_fails(before: int) -> None:
 @pytest.mark.parametrize("links", [{}, {"record": True}, {"sensing": {"loss": 0.2}}])
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_run_has_what_the_lists_say(backend: str, links: dict[str, Any]) -> None:
-    found = simulate(chase(0.3, links=links), backend)
+    found = simulate(boat_and_drone(0.3, links=links), backend)
     declared = {entry.name: entry for entry in (*VARIABLES, *COORDINATES)}
     assert set(found.variables) - set(declared) == {"time", "phase"}
     for name in set(map(str, found.variables)) & set(declared):
@@ -139,7 +139,7 @@ def _transposed(name: str) -> Any:
 
 @pytest.fixture(scope="module")
 def whole() -> xr.Dataset:
-    return simulate(chase(0.3), "ideal")
+    return simulate(boat_and_drone(0.3), "ideal")
 
 
 @pytest.mark.parametrize(

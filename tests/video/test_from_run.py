@@ -21,7 +21,7 @@ from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import Frames, film_of, video_options
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.scene import Decorator
-from tests.builders import ONE_BOAT, chase, make_scenario
+from tests.builders import ONE_BOAT, boat_and_drone, make_scenario
 from tests.commands import drawing
 
 WINDY: dict[str, Any] = {
@@ -73,7 +73,7 @@ def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
     backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(running, "samples_in_piece", lambda system: 37)
-    scenario = chase(3.0, **WINDY)
+    scenario = boat_and_drone(3.0, **WINDY)
     write_dataset(stream(scenario.system, backend, 0), tmp_path / "a.nc")
     in_memory = film_of(scenario, simulate(scenario, backend))[0].run
     with open_dataset(tmp_path / "a.nc") as dataset:
@@ -90,7 +90,7 @@ def assert_same(one: Poses, other: Poses) -> None:
 
 def test_a_body_without_attitude_faces_where_it_goes() -> None:
     """Oracle: the direction of the recorded velocity of a target on a smooth path."""
-    scenario = chase(3.0, **WINDY)
+    scenario = boat_and_drone(3.0, **WINDY)
     run = film_of(scenario, simulate(scenario, "ideal"))[0].run
     samples = run.at(np.linspace(1.0, 2.0, 7))
     velocity = (run.at(samples.time + 1e-2).positions - run.at(samples.time - 1e-2).positions)[:, 2, :2]
@@ -106,7 +106,7 @@ def test_a_body_without_attitude_faces_where_it_goes() -> None:
 @pytest.mark.parametrize("surface", ["water", "ground"])
 def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str) -> None:
     """Seen from above, brightness repeats. Oracle: the shift at which the picture is most like itself."""
-    scenario = chase(0.05, scene={"surface": surface})
+    scenario = boat_and_drone(0.05, scene={"surface": surface})
     options = video_options(scenario, width=640, height=640, elevation=-90.0, azimuth=90.0, distance=200.0, trail=0.0)
     film, model = film_of(scenario, simulate(scenario, "ideal"))
     with Painter(film, model, options) as painter:
@@ -120,14 +120,14 @@ def test_squares_of_the_surface_have_the_size_that_the_legend_says(surface: str)
 
 
 def test_draft_is_of_the_same_size_with_fewer_pixels_and_frames() -> None:
-    good, draft = (video_options(chase(), quality=quality) for quality in ("good", "draft"))
+    good, draft = (video_options(boat_and_drone(), quality=quality) for quality in ("good", "draft"))
     assert (draft.width, draft.height) == (good.width, good.height)
     assert good.drawn == good.scene == (good.width - good.panel, good.height)
     assert draft.drawn == (good.drawn[0] // 2, good.drawn[1] // 2)
     assert (good.fps, draft.fps) == (30, 15)
-    assert video_options(chase(video={"quality": "draft"})).fps == 15
-    assert video_options(chase(video={"fps": 10}), quality="draft").fps == 10
-    assert video_options(chase(), quality="draft", fps=60).fps == 60
+    assert video_options(boat_and_drone(video={"quality": "draft"})).fps == 15
+    assert video_options(boat_and_drone(video={"fps": 10}), quality="draft").fps == 10
+    assert video_options(boat_and_drone(), quality="draft", fps=60).fps == 60
 
 
 @drawing
@@ -177,7 +177,7 @@ def test_a_scale_for_nobody_is_refused() -> None:
 
 def test_arrows_show_the_medium() -> None:
     """Each points where the medium goes at its middle, at the height of those that meet it; the drifts are known."""
-    film, _ = film_of(chase(3.0, **WINDY), simulate(chase(0.1, **WINDY), backend="ideal"))
+    film, _ = film_of(boat_and_drone(3.0, **WINDY), simulate(boat_and_drone(0.1, **WINDY), backend="ideal"))
     options = VideoOptions()
     frames = Frames(film, options)
     view = View(np.array([3.0, 1.0, 1.0]), 30.0, -60.0, -35.0, 45.0)
@@ -206,7 +206,7 @@ def test_a_medium_at_rest_has_no_arrows() -> None:
 @pytest.mark.parametrize("distance", [0.3, 7.0, 900.0])
 def test_the_bar_is_as_long_as_it_says(distance: float) -> None:
     """Oracle: two points at this distance, side by side at the centre, as the camera projects them."""
-    film, _ = film_of(chase(3.0, **WINDY), simulate(chase(0.1, **WINDY), backend="ideal"))
+    film, _ = film_of(boat_and_drone(3.0, **WINDY), simulate(boat_and_drone(0.1, **WINDY), backend="ideal"))
     options = VideoOptions(width=1000, height=720)
     image = Image.new("RGB", (1000, 720), (128, 128, 128))
     view = View(np.zeros(3), distance, 90.0, -35.0, 45.0)

@@ -14,7 +14,7 @@ from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import film_of, video_options
 from mjsheaf.video.scene import POINTS, mesh
-from tests.builders import chase
+from tests.builders import boat_and_drone
 
 WAVES = {"kind": "jonswap", "significant_height": 0.8, "peak_period": 4.0, "direction": 25, "spreading": "cos2"}
 
@@ -23,7 +23,7 @@ def afloat(**water: Any) -> Scenario:
     """A boat on water, and a drone."""
     scene = {"surface": "water", "height": 1.5}
     video = {"width": 320, "height": 240, "elevation": -15}
-    return chase(1.0, flow={"water": {"dimension": 2, **water}}, scene=scene, video=video)
+    return boat_and_drone(1.0, flow={"water": {"dimension": 2, **water}}, scene=scene, video=video)
 
 
 def met(waves: WaveArrays, x: float, y: float, time: float) -> list[float]:

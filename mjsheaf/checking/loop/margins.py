@@ -21,7 +21,6 @@ from mjsheaf.vehicles.effects import (
     describe_consequences,
     largest_wind,
     may_lack,
-    of_each,
     shortfalls_of,
 )
 
@@ -117,7 +116,7 @@ class Margins(Record):
 def margins(system: System, certificate: Certificate) -> Margins:
     """All margins of a system."""
     agents = system.vehicles[: len(system.team.agents)]
-    tau = of_each(agents, lambda vehicle: float(vehicle.reduced_model().tau.max()))
+    tau = np.array([float(vehicle.reduced_model().tau.max()) for vehicle in agents])
     falling = dict[str, str]()
     one_sided = []
     for vehicle in {id(vehicle): vehicle for vehicle in agents}.values():
@@ -193,8 +192,8 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
     """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
     agents = system.vehicles[: len(team.agents)]
-    able = of_each(agents, lambda vehicle: vehicle.capability.least_speed)
-    forward = of_each(agents, lambda vehicle: vehicle.capability.forward_speed)
+    able = np.array([vehicle.capability.least_speed for vehicle in agents])
+    forward = np.array([vehicle.capability.forward_speed for vehicle in agents])
     path = certificate.constants.path
     difference = certificate.constants.difference
     relative = difference.values + difference.shaken  # f_B + H^-1 B omega
