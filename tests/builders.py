@@ -27,7 +27,7 @@ from mjsheaf.files import dump_yaml
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import AUTOPILOT, STOPPED
 from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
-from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.show.played import Poses, Stage
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
@@ -77,6 +77,12 @@ def validator_of(kind: type[BaseModel]) -> Any:
     validator = jsonschema.validators.validator_for(schema)
     validator.check_schema(schema)
     return validator(schema)
+
+
+@cache
+def shipped() -> dict[str, Scenario]:
+    """Return the scenarios that ship, as their files have them; to read them takes a second."""
+    return {name: load_scenario(name) for name in list_scenarios()}
 
 
 def make_scenario(fields: dict[str, Any]) -> Scenario:

@@ -24,7 +24,7 @@ from mjsheaf.results.store import FILES
 from mjsheaf.runs.expecting import Trial, loose
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
 from mjsheaf.vehicles.loading import list_vehicles
-from tests.builders import RAFT
+from tests.builders import RAFT, shipped
 from tests.commands import (
     CAN_DRAW,
     DATA_FILES,
@@ -70,7 +70,7 @@ IN_TURN = [run for k, run in enumerate(EVERY) if k % 4 in (0, 3)]
 def test_run_of_every_scenario(name: str, backend: str, published: Published) -> None:
     """To its end, with its expectations, which are met and at most a tenth wider than what is found."""
     (code, _, err), out = published(name, backend)
-    refused = load_scenario(name).expect.refused
+    refused = shipped()[name].expect.refused
     if refused is not None:
         assert code == (1 if name == "air_tracks_surface" else 2)
         assert one_line(err, refused)
@@ -95,8 +95,7 @@ def test_run_of_every_scenario(name: str, backend: str, published: Published) ->
     [
         pytest.param(*run, marks=[] if run in QUICKLY_FILMED else [pytest.mark.slow])
         for run in dict.fromkeys([*QUICKLY_FILMED, *EVERY[::4], *EVERY[3::4]])  # the backends in turn
-        if load_scenario(run[0]).expect.refused is None
-        and (run in QUICKLY_FILMED or run[0] not in dict(QUICKLY_FILMED))
+        if shipped()[run[0]].expect.refused is None and (run in QUICKLY_FILMED or run[0] not in dict(QUICKLY_FILMED))
     ],
 )
 def test_run_and_video_of_every_scenario(name: str, backend: str, tmp_path: Path) -> None:

@@ -18,11 +18,11 @@ from mjsheaf.results import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.scenario.load import parse_override
 from mjsheaf.team.edges import ExplicitMaps
-from tests.builders import Simulated, validator_of
+from tests.builders import Simulated, shipped, validator_of
 
 BACKENDS = ("ideal", "physics")
-RUNNABLE = [name for name in list_scenarios() if load_scenario(name).expect.refused is None]
-REFUSED = [name for name in list_scenarios() if load_scenario(name).expect.refused is not None]
+REFUSED = [name for name, scenario in shipped().items() if scenario.expect.refused is not None]
+RUNNABLE = [name for name in shipped() if name not in REFUSED]
 
 
 @pytest.mark.parametrize("name", RUNNABLE)
