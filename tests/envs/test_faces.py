@@ -16,7 +16,8 @@ from mjsheaf.arrays import Array
 from mjsheaf.envs import env, parallel_env, vector_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from tests.builders import mixed_scenario, refused, shipped
+from mjsheaf.scenario.load import list_scenarios
+from tests.builders import mixed_scenario, refused
 from tests.commands import drawing, python
 from tests.strategies import tried
 
@@ -24,7 +25,7 @@ LOST = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}, {"time":
 GONE = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}]}
 SHIPPED = ["midpoint", "paper", "harbour_lost_hexarotor", "leader_follower", "range_formation", "quads"]
 if os.environ.get("MJSHEAF_SCENARIOS") == "all":
-    SHIPPED = [name for name, scenario in shipped().items() if len(scenario.agents) <= 20]
+    SHIPPED = [name for name in list_scenarios() if len(load_scenario(name).agents) <= 20]
 
 EARLIER = {"harbour_lost_hexarotor": {"events.1.time": 0.6, "events.2.time": 1.2}}
 
