@@ -67,10 +67,14 @@ def test_threads_give_the_same_bits() -> None:
 
 
 @pytest.mark.slow
-def test_assembly_and_peers_count_every_vehicle() -> None:
+def test_assembly_counts_every_vehicle() -> None:
     (row,) = simulations.assembly(size=5)
     well_formed([row], "assembly")
     assert "6 vehicles" in row.what
+
+
+@pytest.mark.long
+def test_peers_measured_elsewhere_stand_next_to_every_engine() -> None:
     rows = peers.peers(short=True, sizes=(13,))
     well_formed(rows, "peers")
     assert {row.note for row in rows} == {f"{peer}, measured elsewhere" for peer in peers.PEERS}
