@@ -136,14 +136,6 @@ def test_a_hold_that_rings_is_not_certified() -> None:
     assert "rings" in certify(scenario_from_mapping(_pushed(11.0, 0.1, 1.0)).system).reason
 
 
-@pytest.mark.slow
-def test_nothing_is_certified_beside_an_assumption_that_does_not_hold() -> None:
-    for name, number in (("split_team", 5), ("unseen_target", 5)):
-        theorem = analyse(name)["theorem"]
-        assert not theorem["applies"]
-        assert f"assumption {number} fails" in theorem["reason"]
-
-
 def test_links_that_tell_nothing_do_not_connect() -> None:
     blind = {"between": ["A", "B"], "map": {"tail": [[0.0, 0.0]], "head": [[1.0, 0.0]]}}
     agents, sensing = {"A": [0.0, 0.0], "B": [1.0, 0.0]}, [["A", "T"], ["B", "T"]]

@@ -10,12 +10,13 @@ from rich.console import Console
 
 from mjsheaf import simulate
 from mjsheaf.arrays import Array
-from mjsheaf.checking import examine_scenario
+from mjsheaf.checking import CheckRecord, examine_scenario
 from mjsheaf.checking.record import headline
 from mjsheaf.checking.report import report
 from mjsheaf.checking.spectrum import eigenvalues_of
 from mjsheaf.scenario import Scenario
-from tests.builders import build_scenario, list_members, make_fields, pick
+from tests.builders import build_scenario, list_members, make_fields, pick, validator_of
+from tests.checking.test_screen import assert_record_fits
 from tests.running import analyse, run_ideal
 from tests.strategies import slow
 
@@ -103,14 +104,14 @@ def test_the_rate_of_a_team_far_from_its_shape_is_that_with_which_its_run_ends(
     places: Any, start: Any, measures: str
 ) -> None:
     """q* has the size that the bearing law keeps, and so the rate of the shape that the team reaches, to 1 %."""
-    agents, law = list_members({f"A{k}": x for k, x in enumerate(start)}), {"gain": 1.0, "control_period": 0.02}
+    agents, law = list_members({f"A{k}": x for k, x in enumerate(start)}), {"gain": 1.0, "control_period": 0.05}
     scenario = keeping(places, complete(len(places)), measures, agents=agents, controller=law, time={"end": 40.0})
     run = simulate(scenario, backend="ideal")
     eta = run.disagreement.values.max(axis=1)
     first = int(np.argmax(eta < 1e-5 * eta[0]))
     last = int(np.argmax(eta < 1e-7 * eta[0]))
     assert 0 < first < last
-    measured = np.log(eta[first] / eta[last]) / (0.02 * (last - first))
+    measured = np.log(eta[first] / eta[last]) / (0.05 * (last - first))
     assert analyse(scenario)["law"]["rate"] == pytest.approx(measured, rel=0.01)
     q, x = (v.values[..., : len(places[0])] for v in (run.harmonic_extension, run.agent_position))
     assert np.abs(q[0].mean(axis=0) - x[0].mean(axis=0)).max() < 1e-6
@@ -276,10 +277,12 @@ def test_terms_of_directed_teams_are_read_off_the_law(terms: Any) -> None:
 
 
 def test_records_are_json_and_have_verdicts() -> None:
-    """Every record of such a team can be written, and its report too."""
+    """Every record of such a team can be written, and its report too, and its answer fits a screen."""
     for scenario in (keeping(TRIANGLE, complete(3), "range"), following(), keeping(SQUARE, RING, "bearing")):
         record = examine_scenario(scenario).record
-        json.dumps(record.model_dump(mode="json"), allow_nan=False)
+        text = json.dumps(record.model_dump(mode="json"), allow_nan=False)
+        validator_of(CheckRecord).validate(json.loads(text))
+        assert_record_fits(record, "mine")
         with Console(width=160).capture() as _:
             Console(width=160).print(report(record))
         assert "rigid" in headline(record)
