@@ -15,7 +15,7 @@ from tests.running import analyse, team_error
 from tests.strategies import cases
 
 CERTIFIED = 500
-WORKERS = 10  # pieces of the study, so that it spreads over processes
+WORKERS = 20  # pieces of the study, so that it spreads over processes
 
 
 def certified_run(seed: int) -> RunBound:
@@ -38,7 +38,7 @@ def certified_run(seed: int) -> RunBound:
 @pytest.mark.slow
 @pytest.mark.parametrize("piece", range(WORKERS))
 def test_the_bound_is_never_exceeded(piece: int) -> None:
-    """Of 100 teams, of which CI tries ten, and of 500 in `make test-all`."""
+    """Of 100 teams, of which CI tries five, and of 500 in `make test-all`."""
     for seed in cases(CERTIFIED, 100)[piece::WORKERS]:
         run = certified_run(seed)
         assert not run.approximate
