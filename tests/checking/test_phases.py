@@ -160,6 +160,7 @@ def test_every_phase_has_its_links() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
 def test_a_run_is_held_against_every_phase(tmp_path: Path) -> None:
     save(simulate(still(EVENTS), backend="ideal"), tmp_path / "run", video=False)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
@@ -172,6 +173,7 @@ def test_a_run_is_held_against_every_phase(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
 def test_a_blow_up_counts_against_its_own_phase(tmp_path: Path) -> None:
     """The theorem applies to the first phase, and not to the second, whose gain is far beyond what the hold allows."""
     scenario = still([{"time": 3.0, "set": {"controller.gain": 60.0}}])
