@@ -19,7 +19,7 @@ from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.checking.theorem.constants import Difference
 from mjsheaf.checking.theorem.of_run import BROKEN, RunBound, bound_of_run
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import flow_jacobian, known, make_fields, pick
+from tests.builders import flow_jacobian, known, make_fields, require
 from tests.commands import Capture, call
 from tests.running import analyse, run_ideal
 
@@ -230,7 +230,7 @@ def test_a_broken_bound_is_told_with_its_constants(
     assert "times the bound of Theorem 1" in printed.err
     assert "f_bar = " in printed.err
     summary = json.loads((tmp_path / "b" / "summary.json").read_text())
-    assert pick(summary, "status", "theorem.wrong") == {"status": "finished", "theorem.wrong": True}
+    require(summary, {"status": "finished", "theorem.wrong": True})
     assert summary["theorem"]["measured_over_bound"] > 1.0
     monkeypatch.undo()
     assert call(*options, "--out", tmp_path / "c", "--expect") == 0

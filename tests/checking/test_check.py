@@ -17,7 +17,7 @@ from mjsheaf.cli.figures import draw_check
 from mjsheaf.cli.options import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
-from tests.builders import build_scenario, pick, validator_of
+from tests.builders import build_scenario, require, validator_of
 from tests.checking.test_screen import assert_record_fits
 from tests.commands import Answer, Capture, call
 from tests.pictures import is_legible
@@ -87,12 +87,9 @@ def test_an_unstable_law_does_not_hold(capsys: Capture) -> None:
     assert call("check", "paper", "--no-trial", "--json", *change) == 1
     captured = capsys.readouterr()
     record = json.loads(captured.out)
-    assert pick(record, "ok", "law.stable") == {"ok": False, "law.stable": False}
+    require(record, {"ok": False, "law.stable": False})
     assert record["law"]["spectral_radius"] > 1.0
-    assert pick(record, "law.radius", "law.stable_gains") == {
-        "law.radius": None,
-        "law.stable_gains": pytest.approx([0.0, 90.589], abs=1e-3),
-    }
+    require(record, {"law.radius": None, "law.stable_gains": pytest.approx([0.0, 90.589], abs=0.001)})
     assert "controller.gain" in captured.err
 
 
@@ -108,12 +105,7 @@ def test_an_integral_that_holds_at_no_gain_is_said_to(capsys: Capture) -> None:
 def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
     record = analyse("certified")
     theorem = record["theorem"]
-    assert pick(theorem, "applies", "approximate", "chi", "chi_infinite") == {
-        "applies": True,
-        "approximate": False,
-        "chi": None,
-        "chi_infinite": True,
-    }
+    require(theorem, {"applies": True, "approximate": False, "chi": None, "chi_infinite": True})
     assert theorem["initial_error_inside_S"] is True
     assert theorem["lambda_V"] == pytest.approx(theorem["k_min"] - theorem["rho"])
     slower = analyse("certified", rate=theorem["lambda_V"] / 2)["theorem"]
@@ -179,7 +171,7 @@ def test_bad_rate_and_radius() -> None:
 
 def test_a_bound_is_not_claimed_beside_a_speed_limit_or_an_unstable_hold() -> None:
     limited = analyse("certified", {"controller.velocity_limit": 1.0})["theorem"]
-    assert pick(limited, "gain_condition", "applies") == {"gain_condition": True, "applies": False}
+    require(limited, {"gain_condition": True, "applies": False})
     assert "speed limit" in limited["reason"]
     assert limited["weaker"]["radius"] is None
     held = {"controller.control_period": 0.4, "physics.timestep": 0.002}

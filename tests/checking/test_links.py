@@ -35,7 +35,7 @@ from mjsheaf.cli.check import check as check_command
 from mjsheaf.cli.options import NotHeldError
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import load_scenario, scenario_from_mapping
-from tests.builders import known, make_fields, pick, random_scenario
+from tests.builders import known, make_fields, random_scenario, require
 from tests.oracles.linked_loop import LinkedLoop
 from tests.running import analyse, ideal_errors, rms_error, run_ideal
 from tests.strategies import slow, tried
@@ -498,7 +498,7 @@ def test_the_rate_under_loss_of_a_multiple_eigenvalue() -> None:
         loss = analyse(raw | {"controller": law})["links"]["loss"]
         assert loss["factor"] == pytest.approx(p + (1.0 - p) * (1.0 - h * scale * gain) ** 2, rel=1e-9)
         assert loss["accuracy"] < 1e-9
-        assert pick(loss, "stable", "reason") == {"stable": stable, "reason": ""}
+        require(loss, {"stable": stable, "reason": ""})
 
 
 @pytest.mark.parametrize(("kind", "late"), [("paper", 0), ("newton", 0), ("all", 1)])
@@ -633,7 +633,7 @@ def test_no_bound_is_claimed_over_links_that_are_not_exact(links: dict[str, Any]
     for name in ("radius", "between", "largest", "command", "unlimited"):
         assert found["law"][name] is None
     assert "links are not exact" in found["law"]["reason"]
-    assert pick(found, "proposals", "margins.bodies.stable") == {"proposals": [], "margins.bodies.stable": bodies}
+    require(found, {"proposals": [], "margins.bodies.stable": bodies})
     assert found["ok"]
 
 
@@ -643,16 +643,8 @@ def test_rounds_that_are_late_or_lost_are_undecided(term: str) -> None:
     team = plain_team(**{term: {"rounds": 2}})
     for rounds in ({"delay": 0.04}, {"loss": 0.2}):
         found = analyse({**team, "links": {"sensing": {"noise": 0.1}, "rounds": rounds}})
-        assert pick(found, "law.stable", "law.radius", "links.stable") == {
-            "law.stable": None,
-            "law.radius": None,
-            "links.stable": None,
-        }
-        assert pick(found, "links.noise_rms", "margins.bodies.stable", "proposals") == {
-            "links.noise_rms": None,
-            "margins.bodies.stable": None,
-            "proposals": [],
-        }
+        require(found, {"law.stable": None, "law.radius": None, "links.stable": None})
+        require(found, {"links.noise_rms": None, "margins.bodies.stable": None, "proposals": []})
         assert found["ok"]  # null alone fails nothing
 
 
@@ -691,11 +683,7 @@ def test_losses_decide_where_there_are_any() -> None:
     """Of a delay that is too long, with which the loop without losses is unstable, bursts leave nothing decided."""
     bursts = {"kind": "gilbert_elliott", "to_bad": 0.1, "to_good": 0.3}
     found = checked({"all": {"delay": 0.6, "loss": bursts}}, controller={"gain": 3.0, "control_period": 0.02})["links"]
-    assert pick(found, "delay.stable", "stable", "loss.reason") == {
-        "delay.stable": False,
-        "stable": None,
-        "loss.reason": "undecided with bursts",
-    }
+    require(found, {"delay.stable": False, "stable": None, "loss.reason": "undecided with bursts"})
     lost = checked({"all": {"delay": 0.3, "loss": 0.01}}, controller={"gain": 3.0, "control_period": 0.02})["links"]
     assert lost["stable"] is False
 
@@ -710,7 +698,7 @@ def test_the_exit_code_is_that_of_the_links_too(delay: float, stable: bool, caps
     ):
         check_command("paper", [f"links.all.delay={delay}"], True)
     record = json.loads(capsys.readouterr().out)
-    assert pick(record, "ok", "links.stable") == {"ok": stable, "links.stable": stable}
+    require(record, {"ok": stable, "links.stable": stable})
 
 
 @pytest.mark.slow

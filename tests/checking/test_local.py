@@ -15,7 +15,7 @@ from mjsheaf.checking.record import headline
 from mjsheaf.checking.report import report
 from mjsheaf.checking.spectrum import eigenvalues_of
 from mjsheaf.scenario import Scenario
-from tests.builders import build_scenario, list_members, make_fields, pick, validator_of
+from tests.builders import build_scenario, list_members, make_fields, require, validator_of
 from tests.checking.test_screen import assert_record_fits
 from tests.running import analyse, run_ideal
 from tests.strategies import slow
@@ -82,7 +82,7 @@ def test_checkpoints_of_formations(
     assert rigidity["localizable"] is None
     assert record["ok"] is (rank == needed)
     assert record["law"]["stable"]
-    assert pick(record, "theorem.holds", "theorem.applies") == {"theorem.holds": None, "theorem.applies": False}
+    require(record, {"theorem.holds": None, "theorem.applies": False})
     assert record["theorem"]["reason"]
     if rate is not None:
         assert rigidity["rate"] == pytest.approx(rate, abs=1e-6)
@@ -229,14 +229,11 @@ def test_a_directed_acyclic_team_has_its_out_degrees_as_eigenvalues() -> None:
     assert np.abs(values.imag).max() < 1e-12
     record = analyse(following())
     assert record["ok"]
-    assert pick(record, "rigidity.rate", "rigidity.localizable") == {
-        "rigidity.rate": pytest.approx(2.0),
-        "rigidity.localizable": True,
-    }
+    require(record, {"rigidity.rate": pytest.approx(2.0), "rigidity.localizable": True})
     looking_back = [{"between": ["A", "B"], "directed": True}, {"between": ["A", "C"], "directed": True}]
     lost = analyse(following(communication=looking_back))
     assert not lost["ok"]
-    assert pick(lost, "law.stable", "rigidity.localizable") == {"law.stable": False, "rigidity.localizable": False}
+    require(lost, {"law.stable": False, "rigidity.localizable": False})
 
 
 def test_the_steady_error_of_a_directed_team_is_that_of_its_run() -> None:
@@ -313,10 +310,7 @@ def test_the_edges_that_check_suggests_make_a_formation_rigid(
     added = [tuple(int(id[1:]) for id in edge["between"]) for edge in bracing["edges"]]
     braced = analyse(keeping(places, [*pairs, *added], measures))
     assert braced["ok"]
-    assert pick(braced, "rigidity.bracing", "rigidity.rate") == {
-        "rigidity.bracing": None,
-        "rigidity.rate": pytest.approx(bracing["rate"], rel=1e-9),
-    }
+    require(braced, {"rigidity.bracing": None, "rigidity.rate": pytest.approx(bracing["rate"], rel=1e-09)})
 
 
 def test_a_flex_is_described_with_a_frame_at_rest() -> None:

@@ -11,7 +11,7 @@ import yaml
 from mjsheaf import load_scenario, simulate
 from mjsheaf.checking import examine
 from mjsheaf.checking.separation import SafetyRecord
-from tests.builders import known, list_members, make_fields, pick
+from tests.builders import known, list_members, make_fields, require
 from tests.commands import answer_of
 from tests.running import analyse
 
@@ -115,7 +115,7 @@ def test_everything_else_is_about_the_team_while_the_filter_does_not_act() -> No
     raw = escort()
     found = analyse(raw)
     without = analyse({key: value for key, value in raw.items() if key != "safety"})
-    assert pick(found["safety"], "guaranteed", "unsafe") == {"guaranteed": True, "unsafe": []}
+    require(found["safety"], {"guaranteed": True, "unsafe": []})
     assert found["ok"]
     assert without["ok"]
     assert found["law"]["rate"] == without["law"]["rate"]
@@ -142,7 +142,7 @@ def test_without_a_velocity_limit_the_margin_is_that_of_the_vehicles_top_speed()
     assert analyse(raw)["safety"]["without_margin"] == []
     raw["agents"][1] |= {"vehicle": "hull"}
     found = analyse(raw)["safety"]
-    assert pick(found, "without_margin", "margins.B2") == {"without_margin": ["B2"], "margins.B2": 0.0}
+    require(found, {"without_margin": ["B2"], "margins.B2": 0.0})
 
 
 # -- where agents of a run on ideal kinematics come to rest, and by hand -----------------------------------------------

@@ -23,7 +23,7 @@ from mjsheaf.show.style import AS_USUAL
 from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames, VideoOptions, both_films, half_options
 from mjsheaf.video.overlay import Overlay
-from tests.builders import REPOSITORY, known, pick, two_boats
+from tests.builders import REPOSITORY, known, require, two_boats
 from tests.commands import Capture, answer_of, call
 from tests.pictures import is_legible
 
@@ -176,7 +176,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
     assert call("compare", "midpoint", *SHORT, *small, "--out", out) == 0
     assert {p.name for p in out.iterdir()} == set(COMPARISON_FILES)
     meta = next(imageio_ffmpeg.read_frames(str(out / "compare.mp4")))
-    assert pick(meta, "size", "fps") == {"size": (2 * 160 + 4, 120), "fps": 4}
+    require(meta, {"size": (2 * 160 + 4, 120), "fps": 4})
 
 
 def test_both_curves_of_the_video_have_one_axis() -> None:
