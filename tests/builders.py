@@ -702,6 +702,12 @@ def pick(record: Any, *paths: str) -> dict[str, Any]:
     return {path: reduce(lambda part, name: part[name], path.split("."), record) for path in paths}
 
 
+def require(record: Any, fields: Mapping[str, Any]) -> None:
+    """Fail unless a record has these fields, as 'law.radius', by path."""
+    found = pick(record, *fields)
+    assert found == fields, f"{found} in place of {fields}"
+
+
 def known(value: T | None) -> T:
     """Return what must be there."""
     assert value is not None

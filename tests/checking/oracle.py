@@ -369,7 +369,7 @@ def loop_of(raw: dict[str, Any]) -> tuple[Loop, Array, Any]:
     limit = np.full(V, np.inf)
     for i, agent in enumerate(agents):
         limit[i] = agent.get("velocity_limit") or controller.get("velocity_limit") or np.inf
-    fields = [_field(raw, v, N, n[v]) for v in range(V)]
+    fields = [_field(raw, v, N) for v in range(V)]
     most = max(len(rows) for _, rows in fields)
     kernels = np.zeros((V, max(most, 1), 12))
     for v, (_, rows) in enumerate(fields):
@@ -402,15 +402,15 @@ def loop_of(raw: dict[str, Any]) -> tuple[Loop, Array, Any]:
 def stiffness(raw: dict[str, Any]) -> tuple[Array, Array]:
     """A (3V, 3V) and c (3V,): the gradient of half the weighted squared residuals, A x - c, agents and targets apart.
 
-    Rows of agents see all edges but those between targets; rows of targets see those alone.
+    Rows of agents see all edges but those between targets; rows of targets see those alone. The study has no
+    formations, weights are numbers, and anchors name their axes.
     """
+    assert "formations" not in raw
     members = [*raw["agents"], *raw["targets"]]
     index = {m["id"]: v for v, m in enumerate(members)}
     n = [len(m["position"]) for m in members]
     N, size = len(raw["agents"]), 3 * len(members)
     A, c = np.zeros((size, size)), np.zeros(size)
-    offsets = _displacements(raw)
-    own_offsets = _displacements({"formations": [raw["target_formation"]["group"]]} if _own_group(raw) else {})
     for kind in ("communication", "sensing", "target_edges"):
         for edge in raw.get(kind, []):
             edge = {"between": edge} if isinstance(edge, list) else edge
@@ -419,42 +419,21 @@ def stiffness(raw: dict[str, Any]) -> tuple[Array, Array]:
             delta = np.zeros((len(F_i), size))
             delta[:, 3 * i : 3 * i + n[i]] += F_i
             delta[:, 3 * j : 3 * j + n[j]] -= F_j
-            b = edge.get("offset")
-            if b is None:
-                known = own_offsets if kind == "target_edges" else offsets
-                b = np.zeros(len(F_i))
-                for v, F, sign in ((i, F_i, 1.0), (j, F_j, -1.0)):
-                    if members[v]["id"] in known:
-                        b = b + sign * F @ known[members[v]["id"]]
+            b = np.array(edge.get("offset", np.zeros(len(F_i))), dtype=float)
             rows = slice(3 * N, None) if i >= N else slice(3 * N)
-            _add(A, c, delta, np.array(b, dtype=float), edge.get("weight"), rows)
+            _add(A, c, delta, b, edge.get("weight", 1.0), rows)
     for anchor in raw.get("anchors", []):
         i = index[anchor["agent"]]
-        axes = np.eye(3)[["xyz".index(a) for a in anchor.get("axes", "")]][:, : n[i]]
-        F = np.array(anchor["map"]) if "map" in anchor else axes
+        F = np.eye(3)[["xyz".index(a) for a in anchor["axes"]]][:, : n[i]]
         delta = np.zeros((len(F), size))
         delta[:, 3 * i : 3 * i + n[i]] = F
-        _add(A, c, delta, np.array(anchor["value"], dtype=float), anchor.get("weight"), slice(3 * N))
+        _add(A, c, delta, np.array(anchor["value"]), anchor.get("weight", 1.0), slice(3 * N))
     return A, c
 
 
-def _own_group(raw: dict[str, Any]) -> bool:
-    return bool(raw.get("target_formation", {}).get("group"))
-
-
-def _add(A: Array, c: Array, delta: Array, b: Array, weight: Any, rows: slice) -> None:
-    K = np.eye(len(delta)) * (1.0 if weight is None else weight) if np.ndim(weight) == 0 else np.array(weight)
-    A[rows] += (delta.T @ K @ delta)[rows]
-    c[rows] += (delta.T @ K @ b)[rows]
-
-
-def _displacements(raw: dict[str, Any]) -> dict[str, Array]:
-    """Displacement of each member of an explicit formation; the study uses no other shape."""
-    found: dict[str, Array] = {}
-    for group in raw.get("formations", []):
-        assert group["shape"] == "explicit"
-        found |= dict(zip(group["members"], [np.array(d, dtype=float) for d in group["displacements"]], strict=True))
-    return found
+def _add(A: Array, c: Array, delta: Array, b: Array, weight: float, rows: slice) -> None:
+    A[rows] += weight * (delta.T @ delta)[rows]
+    c[rows] += weight * (delta.T @ b)[rows]
 
 
 def _maps(edge: dict[str, Any], tail: dict[str, Any], n_i: int, n_j: int) -> tuple[Array, Array]:
@@ -481,10 +460,8 @@ def _turn(angle: float, axis: int) -> Array:
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
-def _field(raw: dict[str, Any], v: int, N: int, n: int) -> tuple[Array, list[list[float]]]:
-    flows = raw.get("flow", {})
-    by_medium = "air" in flows or "water" in flows
-    model = flows.get(("air" if n == 3 else "water") if by_medium else ("agents" if v < N else "targets"))
+def _field(raw: dict[str, Any], v: int, N: int) -> tuple[Array, list[list[float]]]:
+    model = raw.get("flow", {}).get("agents" if v < N else "targets")
     if model is None:
         return np.zeros(3), []
     d = model["dimension"]

@@ -13,7 +13,7 @@ from mjsheaf.checking import examine_scenario
 from mjsheaf.checking.report import report, screen
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
-from tests.builders import known, list_members, make_fields, make_scenario, mixed_scenario, pick
+from tests.builders import known, list_members, make_fields, make_scenario, mixed_scenario, require
 from tests.running import analyse
 from tests.strategies import long, slow
 
@@ -85,7 +85,7 @@ def measured(scenario: Scenario, backend: str, end: float, seeds: int, engine: s
 @pytest.mark.parametrize("spreading", ["none", "cos2"])
 def test_the_continuous_law_leaves_the_published_errors(gain: float, rms: float, spreading: str) -> None:
     record = prediction(lone(gain, 0.0, {**PM, "spreading": spreading, "direction": 70.0}))
-    assert pick(record, "rms", "agents") == {"rms": pytest.approx(rms, abs=2e-6), "agents": {"A": record["rms"]}}
+    require(record, {"rms": pytest.approx(rms, abs=2e-06), "agents": {"A": record["rms"]}})
     assert record["norm"] == "per_agent_rms"
 
 

@@ -30,7 +30,7 @@ from tests.strategies import cases
 Array = NDArray[np.float64]
 
 STUDIED = 500
-PIECES = 10  # of the study, so that it spreads over processes
+PIECES = 20  # of the study, so that it spreads over processes
 TERMS: dict[str, dict[str, Any]] = {
     "paper": {},
     "feedforward": {"feedforward": {"rounds": 2}},
@@ -71,15 +71,9 @@ def accuracy(system: System) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("piece", range(PIECES))
 def test_the_bound_is_never_exceeded(piece: int) -> None:
-    """Of 120 teams and laws, 20 with each term, of which CI tries twelve, and of 500 in `make test-all`."""
+    """Of 120 teams and laws, 20 with each term, of which CI tries six, and of 500 in `make test-all`."""
     seeds = cases(STUDIED, 120)[piece::PIECES]
     assert sum(map(held, seeds)) > 0.9 * len(seeds)
-
-
-@pytest.mark.slow(each=True)
-@pytest.mark.parametrize("seed", range(STUDIED, STUDIED + 12))
-def test_some_bounds_are_never_exceeded(seed: int) -> None:
-    held(seed)
 
 
 def held(seed: int) -> bool:
@@ -148,7 +142,7 @@ def test_stable_gains_are_those_of_a_scan(kind: str, seed: int) -> None:
     loop = loop_of(studied(seed, kind))
     low, high = known(loop.stable_gains)
     assert low < loop.gain < high
-    gains = np.concatenate([np.geomspace(1e-6 * high, 3.0 * high, 400), [low * 1.001, low * 0.999, high * 0.999]])
+    gains = np.concatenate([np.geomspace(1e-6 * high, 3.0 * high, 80), [low * 1.001, low * 0.999, high * 0.999]])
     for gain in gains[gains > 0.0]:
         assert (replace(loop, gain=float(gain)).radius < 1.0) == (low < gain < high), gain
 

@@ -11,7 +11,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.links import limit_from_eigenvalues
 from mjsheaf.scenario import Scenario
-from tests.builders import build_scenario, list_members, make_fields, make_scenario, pick
+from tests.builders import build_scenario, list_members, make_fields, make_scenario, require
 from tests.running import analyse
 from tests.strategies import slow
 
@@ -178,10 +178,7 @@ def test_ranges_too_short_to_meet_hold_an_agent_between_them() -> None:
     between = build_scenario({"A": [0.1, 0.3]}, targets, sensing, time={"end": 5.0}, controller=law)
     record = analyse(between)
     assert record["ok"]
-    assert pick(record, "rigidity.localizable", "rigidity.rate") == {
-        "rigidity.localizable": True,
-        "rigidity.rate": pytest.approx(1.0, rel=1e-9),
-    }
+    require(record, {"rigidity.localizable": True, "rigidity.rate": pytest.approx(1.0, rel=1e-09)})
     assert record["law"]["spectral_radius"] == pytest.approx(0.98, rel=1e-9)
     assert record["relative_cohomology"]["dimension"] == 0
     run = simulate(between, backend="ideal")

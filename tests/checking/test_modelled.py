@@ -15,7 +15,7 @@ from mjsheaf.law.edges import LINK, LinkArrays
 from mjsheaf.law.law import EdgeArrays, LawArrays
 from mjsheaf.law.terms import Integral, Newton, RoundArrays, TermArrays, Terms
 from mjsheaf.loop.system import System
-from tests.builders import pick
+from tests.builders import require
 
 SCENARIO = "steady_current"
 
@@ -80,10 +80,6 @@ def test_links_are_undecided_too() -> None:
     record = examine(replace(system, law=system.law._replace(gain=gain))).record.model_dump(mode="json")
     links = record["links"]
     assert record["ok"] is False
-    assert pick(links, "stable", "noise_rms", "delay_margin") == {
-        "stable": None,
-        "noise_rms": None,
-        "delay_margin": None,
-    }
+    require(links, {"stable": None, "noise_rms": None, "delay_margin": None})
     for part in ("delay", "noise", "loss"):
         assert "because of gains that differ between agents" in links[part]["reason"]

@@ -21,7 +21,7 @@ from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.loop.system import during
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
-from tests.builders import known, make_fields, make_scenario, pick, random_scenario
+from tests.builders import known, make_fields, make_scenario, random_scenario, require
 from tests.loop.test_ramps import BEGIN, OVER, change, ring
 from tests.running import analyse, team_error
 from tests.strategies import slow
@@ -160,11 +160,12 @@ def test_every_phase_has_its_links() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
 def test_a_run_is_held_against_every_phase(tmp_path: Path) -> None:
     save(simulate(still(EVENTS), backend="ideal"), tmp_path / "run", video=False)
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     phases = summary["phases"]
-    assert pick(summary, "theorem", "held_law") == {"theorem": phases[0]["theorem"], "held_law": phases[0]["held_law"]}
+    require(summary, {"theorem": phases[0]["theorem"], "held_law": phases[0]["held_law"]})
     for phase in phases:
         for bound in (phase["theorem"], phase["held_law"]):
             assert not bound["wrong"]
@@ -172,6 +173,7 @@ def test_a_run_is_held_against_every_phase(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
 def test_a_blow_up_counts_against_its_own_phase(tmp_path: Path) -> None:
     """The theorem applies to the first phase, and not to the second, whose gain is far beyond what the hold allows."""
     scenario = still([{"time": 3.0, "set": {"controller.gain": 60.0}}])
@@ -256,12 +258,9 @@ def test_nothing_is_claimed_after_a_phase_with_terms() -> None:
     scenario = load_scenario("steady_current", changes)
     first, second = analyse(scenario)["phases"]
     assert first["law"]["stable"] is False
-    assert pick(second, "law.terms", "law.radius") == {"law.terms": [], "law.radius": None}
+    require(second, {"law.terms": [], "law.radius": None})
     assert "error with which the phase begins is not known" in second["law"]["reason"]
-    assert pick(second, "theorem.initial_error", "theorem.applies") == {
-        "theorem.initial_error": None,
-        "theorem.applies": False,
-    }
+    require(second, {"theorem.initial_error": None, "theorem.applies": False})
 
 
 # -- while formations change: against runs and differences of q* -------------------------------------------------------
@@ -344,10 +343,7 @@ def test_check_names_each_phase_and_its_speeds() -> None:
 @pytest.mark.slow
 def test_a_change_from_the_start_has_no_predicted_error() -> None:
     record = analyse(changing([change(time=0.0)]))
-    assert pick(record, "steady.ideal", "steady.reason") == {
-        "steady.ideal": None,
-        "steady.reason": "formations change from the start",
-    }
+    require(record, {"steady.ideal": None, "steady.reason": "formations change from the start"})
 
 
 IDS = ["A", "B", "C", "D"]

@@ -46,6 +46,7 @@ def test_check_notes_a_lean_that_the_thrust_does_not_carry(weak: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
 def test_a_run_and_a_list_note_it_too(weak: Path) -> None:
     listed = answer_of("list", "--vehicles", str(weak / "weak.yaml"))
     assert listed.code == 0

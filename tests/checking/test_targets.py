@@ -41,7 +41,7 @@ def solved(seed: int) -> tuple[System, Truth, np.ndarray]:
     return system, truth, truth.target_velocities - evaluate(system.harmonics[len(raw["agents"]) :], truth.time)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
     system, truth, drift = solved(seed)
@@ -62,7 +62,7 @@ def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
     assert path.cells.end[-1] == pytest.approx(system.grid.samples[-1])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_bound_on_the_difference_is_never_exceeded_and_is_tight(seed: int) -> None:
     system, truth, drift = solved(seed)

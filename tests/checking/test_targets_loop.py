@@ -11,7 +11,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.scenario import Scenario
-from tests.builders import make_fields, pick
+from tests.builders import make_fields, require
 from tests.commands import Capture, call
 from tests.running import analyse
 
@@ -52,20 +52,10 @@ def test_a_pull_that_diverges_under_the_hold_is_not_certified(capsys: Capture, t
     assert call("check", path, "--no-trial", "--json") == 1
     printed = capsys.readouterr()
     record = json.loads(printed.out)
-    assert pick(record, "ok", "targets.stable", "targets.product") == {
-        "ok": False,
-        "targets.stable": False,
-        "targets.product": pytest.approx(2.5),
-    }
-    assert pick(record, "targets.spectral_radius", "targets.targets") == {
-        "targets.spectral_radius": pytest.approx(1.5),
-        "targets.targets": ["T"],
-    }
-    assert pick(record, "targets.largest_period", "targets.bodies.stable") == {
-        "targets.largest_period": pytest.approx(0.08),
-        "targets.bodies.stable": False,
-    }
-    assert pick(record, "law.radius", "theorem.applies") == {"law.radius": None, "theorem.applies": False}
+    require(record, {"ok": False, "targets.stable": False, "targets.product": pytest.approx(2.5)})
+    require(record, {"targets.spectral_radius": pytest.approx(1.5), "targets.targets": ["T"]})
+    require(record, {"targets.largest_period": pytest.approx(0.08), "targets.bodies.stable": False})
+    require(record, {"law.radius": None, "theorem.applies": False})
     assert record["assumptions"][6]["verdict"] == "fails"
     for words in ("pull of T", "2.5", "below 2", "control_period below 0.08 s", "motion.pull"):
         assert words in printed.err
@@ -81,11 +71,7 @@ def test_the_fix_that_is_named_is_one() -> None:
     controller = {"gain": 1, "control_period": 0, "record_period": 0.1}
     continuous = pulled(25.0, controller=controller, physics={"timestep": 0.01})
     record = analyse(continuous)
-    assert pick(record, "ok", "targets.product", "targets.stable") == {
-        "ok": True,
-        "targets.product": None,
-        "targets.stable": True,
-    }
+    require(record, {"ok": True, "targets.product": None, "targets.stable": True})
 
 
 @pytest.mark.slow
@@ -132,7 +118,7 @@ def test_targets_on_bodies(pull: float) -> None:
 
 def test_targets_that_nothing_holds_are_none_of_it() -> None:
     targets = analyse("certified")["targets"]
-    assert pick(targets, "rate", "stable", "bodies") == {"rate": 0.0, "stable": True, "bodies": None}
+    require(targets, {"rate": 0.0, "stable": True, "bodies": None})
 
 
 @pytest.mark.parametrize("place", [0, 1])
@@ -141,4 +127,4 @@ def test_a_target_without_thrusters_beside_one_that_is_pulled(place: int) -> Non
     fields = pulled(5.0, physics={"timestep": 0.01}, sensing=[["A", "T"], ["A", "B"]])
     fields["targets"].insert(place, {"id": "B", "position": [3, 0], "vehicle": "buoy", "motion": {"kind": "static"}})
     bodies = analyse(fields)["targets"]["bodies"]
-    assert pick(bodies, "stable", "spectral_radius") == {"stable": True, "spectral_radius": pytest.approx(1.0)}
+    require(bodies, {"stable": True, "spectral_radius": pytest.approx(1.0)})

@@ -126,17 +126,18 @@ def test_a_team_with_a_free_direction_is_refused_and_its_fix_is_tried() -> None:
     assert fix["tried"]["without"] is None
 
 
-def test_drones_in_a_swap_without_a_rule_deadlock() -> None:
-    scenario = mjsheaf.load_scenario("swap", {"safety.tie_break": "none"})
-    assert "deadlock" in kinds(scenario)
-
-
 def test_a_boat_that_cannot_go_astern_is_stuck() -> None:
     law = {"gain": 0.2, "velocity_limit": 2}
     assert kinds(lone(str(DATA / "skiff.yaml"), [0.0, 0.0], {"position": [-1.0, 0.0]}, controller=law)) == {"stuck"}
 
 
-@pytest.mark.slow
+def test_a_run_that_blows_up_says_which_vehicle_did() -> None:
+    (problem,) = mjsheaf.check(lone("hull", [3.0, 0.0], {}, controller={"gain": 5000.0}))["trial"]["problems"]
+    assert problem["kind"] == "blow_up"
+    assert "A" in problem["text"].split()
+
+
+@pytest.mark.long
 def test_a_boat_runs_aground(tmp_path: Path) -> None:
     path = tmp_path / "land.nc"
     double_gyre.write(path, 40, 41, 400.0, land=True)
@@ -157,10 +158,11 @@ def test_a_bound_for_bodies_that_is_missed_fails_and_one_that_is_met_does_not() 
 
 @pytest.mark.slow
 def test_vehicles_that_come_closer_than_they_may_are_named_with_the_time() -> None:
-    """A target without a filter of its own runs into an agent that is slower."""
+    """A target without a filter of its own runs into an agent that is slower, and then keeps it from its place."""
     scenario = lone("otter", [20.0, 0.0], CHASING, **FILTERED)
     found = mjsheaf.check(scenario)["trial"]["problems"]
-    (problem,) = [one for one in found if one["kind"] == "too_close"]
+    problem, deadlock = found
+    assert (problem["kind"], deadlock["kind"]) == ("too_close", "deadlock")
     assert problem["text"].startswith("A and T come ")
     run = mjsheaf.simulate(scenario, engine="fused")
     gaps = run["separation"].values
@@ -172,6 +174,21 @@ def test_vehicles_that_come_closer_than_they_may_are_named_with_the_time() -> No
 def test_an_error_far_beyond_the_foreseen_one_at_a_limit_fails() -> None:
     """Noise of odometry keeps the commands of these drones at their speed limit, which no linear analysis sees."""
     assert kinds(mjsheaf.load_scenario("noisy_odometry")) == {"far_off"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("side", "expected"), [(-1, ["far_off"]), (1, [])])
+def test_a_team_that_rests_in_another_equilibrium_is_far_off(side: int, expected: list[str]) -> None:
+    """A triangle reflected in a point has the directions that its bearings desire, but for their signs."""
+    places = dict(zip("ABC", ([0, 0], [8, 0], [2, 4]), strict=True))
+    bearings = [{"between": [*pair], "measures": "bearing"} for pair in ("AB", "BC", "CA")]
+    shape = {"name": "f", "shape": "explicit", "members": [*places], "displacements": [*places.values()]}
+    agents = {id: [side * x, side * y] for id, (x, y) in places.items()}
+    fields = make_fields(agents, {}, [], communication=bearings, formations=[shape], time={"end": 20})
+    scenario = mjsheaf.load_scenario(fields | {"physics": {"timestep": 0.01, "contacts": True}})
+    found = mjsheaf.check(scenario)["trial"]["problems"]
+    assert [problem["kind"] for problem in found] == expected
+    assert all("in another equilibrium" in problem["text"] for problem in found)
 
 
 def test_a_mission_that_is_too_large_is_tried_in_part(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,12 +23,24 @@ from mjsheaf.show.style import AS_USUAL
 from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames, VideoOptions, both_films, half_options
 from mjsheaf.video.overlay import Overlay
-from tests.builders import REPOSITORY, known, pick, two_boats
+from tests.builders import REPOSITORY, known, require, two_boats
 from tests.commands import Capture, answer_of, call
 from tests.pictures import is_legible
 
 DATA = set(COMPARISON_FILES) - {"compare.mp4"}
 SHORT = ["--set", "time.end=1"]
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], CompareRecord, Path]:
+    """Return what `compare` prints, without its progress, its record, and where it is."""
+    out = tmp_path_factory.mktemp("compare") / "out"
+    answer = answer_of("compare", "midpoint", "--no-video", *SHORT, "--out", out)
+    assert answer.code == 0
+    record = CompareRecord.model_validate(json.loads((out / "compare.json").read_text()))
+    lines = answer.out.splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("midpoint: "))
+    return lines[first:], record, out
 
 
 def test_budgets_are_of_the_errors_of_bodies(record: CompareRecord) -> None:
@@ -81,11 +93,14 @@ def test_a_boat_that_a_bow_thruster_moves_abeam_is_named_with_that_speed() -> No
 
 
 @pytest.mark.slow
-def test_command_publishes_and_replaces_its_own(tmp_path: Path, capsys: Capture) -> None:
-    out = tmp_path / "out"
-    for _ in range(2):
-        assert call("compare", "midpoint", "--no-video", *SHORT, "--out", out) == 0
-        assert {p.name for p in out.iterdir()} == DATA
+def test_command_publishes_and_replaces_its_own(
+    published: tuple[list[str], CompareRecord, Path], capsys: Capture
+) -> None:
+    *_, out = published
+    assert {p.name for p in out.iterdir()} == DATA
+    (out / "report.txt").write_text("of an earlier comparison")
+    assert call("compare", "midpoint", "--no-video", *SHORT, "--out", out) == 0
+    assert {p.name for p in out.iterdir()} == DATA
     printed = capsys.readouterr().out
     assert (out / "report.txt").read_text().splitlines()[0].strip() in printed
     found = json.loads((out / "compare.json").read_text())
@@ -161,7 +176,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
     assert call("compare", "midpoint", *SHORT, *small, "--out", out) == 0
     assert {p.name for p in out.iterdir()} == set(COMPARISON_FILES)
     meta = next(imageio_ffmpeg.read_frames(str(out / "compare.mp4")))
-    assert pick(meta, "size", "fps") == {"size": (2 * 160 + 4, 120), "fps": 4}
+    require(meta, {"size": (2 * 160 + 4, 120), "fps": 4})
 
 
 def test_both_curves_of_the_video_have_one_axis() -> None:
@@ -228,21 +243,9 @@ def test_a_run_in_other_formats_may_be_replaced(tmp_path: Path) -> None:
 # -- the answer in a few lines -----------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], CompareRecord]:
-    """Return what `compare` prints, without its progress, and its record."""
-    out = tmp_path_factory.mktemp("compare") / "out"
-    answer = answer_of("compare", "midpoint", "--no-video", *SHORT, "--out", out)
-    assert answer.code == 0
-    record = CompareRecord.model_validate(json.loads((out / "compare.json").read_text()))
-    lines = answer.out.splitlines()
-    first = next(k for k, line in enumerate(lines) if line.startswith("midpoint: "))
-    return lines[first:], record
-
-
 @pytest.mark.slow
-def test_the_answer_is_a_few_lines_with_both_errors(published: tuple[list[str], CompareRecord]) -> None:
-    lines, record = published
+def test_the_answer_is_a_few_lines_with_both_errors(published: tuple[list[str], CompareRecord, Path]) -> None:
+    lines, record, _ = published
     assert len(lines) <= 20
     ideal, bodies = (record.rung(key).errors["team"].late.tracking_error for key in ("ideal", "all"))
     assert f"{ideal:.3g} m on ideal kinematics, {bodies:.3g} m on bodies (RMS over agents" in lines[1]
@@ -252,7 +255,7 @@ def test_the_answer_is_a_few_lines_with_both_errors(published: tuple[list[str], 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 9])
-def test_a_long_verdict_is_cut_between_sentences(count: int, published: tuple[list[str], CompareRecord]) -> None:
+def test_a_long_verdict_is_cut_between_sentences(count: int, published: tuple[list[str], CompareRecord, Path]) -> None:
     sentences = [f"sentence {k} " + "is one of many " * 15 for k in range(count)]
     lines = summary(published[1].model_copy(update={"verdict": sentences}))
     assert len(lines) <= MAX_LINES

@@ -19,7 +19,7 @@ from mjsheaf.runs.expecting import expected_law, try_scenario
 from mjsheaf.runs.publish import account_of
 from mjsheaf.scenario import Scenario, load_scenario
 from mjsheaf.scenario.load import find_law, load_controller, same_law
-from tests.builders import pick, two_boats
+from tests.builders import require, two_boats
 from tests.commands import Capture, answer_of, call
 
 LAWS = '''
@@ -211,7 +211,7 @@ def test_run_compares_with_bounds_of_its_own_law_only(laws: Path, tmp_path: Path
     assert expect == {"met": None, "checks": [], "reason": "the bounds are for the law laws.py:Same"}
     assert call(*command, "--expect") == 1
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert pick(summary, "controller", "expect.met") == {"controller": "laws.py:Same", "expect.met": False}
+    require(summary, {"controller": "laws.py:Same", "expect.met": False})
 
 
 def test_a_scenario_keeps_the_field() -> None:

@@ -18,7 +18,7 @@ from mjsheaf.files import digest
 from mjsheaf.page.page import Ghost, Packer, Scene, add_ghosts
 from mjsheaf.results import store, write_dataset
 from mjsheaf.results.store import RUNS_FILES
-from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, open_runs, publish_runs
+from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, compare_runs, open_runs, publish_runs
 from mjsheaf.runs.publish import account_of, write_scenario
 from mjsheaf.scenario import Scenario
 from tests.builders import approx, list_members, two_boats
@@ -64,6 +64,12 @@ def leave_run(scenario: Scenario, backend: str, directory: Path) -> None:
     write_scenario(scenario, directory)
     summary, _, _ = account_of(scenario, scenario.phases, dataset)
     store.save_summary(summary | {store.RESULT_DIGEST: digest(directory / "result.nc")}, directory / "summary.json")
+
+
+@pytest.fixture
+def without_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Comparisons have an empty page, which takes longer than the rest; that of `compared` is looked at."""
+    monkeypatch.setattr("mjsheaf.runs.overlay.page_of_runs", lambda *_: b"")
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +125,8 @@ def test_distances_are_those_of_agents_in_common(compared: RunsRecord) -> None:
 @pytest.mark.slow
 def test_an_absent_agent_has_no_distance(runs: Path, tmp_path: Path) -> None:
     """A2 is lost after 1 s and A1 then sees the target alone; A2 counts up to then."""
-    record, _, _ = publish_runs([runs / "ideal", runs / "lost"], tmp_path / "out")
+    with open_runs([runs / "ideal", runs / "lost"]) as opened:
+        record = compare_runs(opened, tmp_path)
     scenario = two_boats("hull", "hull")
     lost = mjsheaf.simulate(two_boats("hull", "hull", events=[{"time": 1.0, "lose": "A2"}]), "ideal")
     plain = mjsheaf.simulate(scenario, "ideal")
@@ -151,11 +158,14 @@ def test_what_cannot_be_compared_is_refused_in_one_line(
 
 
 @pytest.mark.slow
-def test_the_command_writes_and_replaces_its_own(runs: Path, tmp_path: Path, capsys: Capture) -> None:
-    out = tmp_path / "out"
-    for _ in range(2):
-        assert call("compare-runs", runs / "ideal", runs / "bodies", "--out", out) == 0
-        assert {path.name for path in out.iterdir()} == set(RUNS_FILES)
+@pytest.mark.usefixtures("without_page")
+def test_the_command_writes_and_replaces_its_own(
+    runs: Path, compared: RunsRecord, tmp_path: Path, capsys: Capture
+) -> None:
+    out = shutil.copytree(runs.parent / "compared", tmp_path / "out")
+    assert {path.name for path in out.iterdir()} == set(RUNS_FILES)
+    assert call("compare-runs", runs / "ideal", runs / "bodies", "--out", out) == 0
+    assert {path.name for path in out.iterdir()} == set(RUNS_FILES)
     printed = capsys.readouterr().out
     assert "replaced the run" in printed
     assert "RMS over agents" in printed
@@ -197,6 +207,7 @@ def test_a_comparison_is_no_run(runs: Path, compared: RunsRecord) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_page")
 def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
     publish_runs([runs / "lost", runs / "bodies"], tmp_path / "out")
     (figure,) = drawn
@@ -210,6 +221,7 @@ def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_p
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("without_page")
 def test_names_of_directories_are_shown_as_they_are(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
     """Not as mathematics, and those with an underscore in front have a line in the legend, too."""
     names = [r"$\frac{a$", "_later"]

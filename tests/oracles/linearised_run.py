@@ -26,22 +26,25 @@ _NEGLIGIBLE = 1e-8  # of a difference quotient that rounding makes
 _AT_REST = 1e-6  # of a mode: positions that move less do not take part in it
 
 
-def spectral_radius(scenario: Scenario, backend: str, settling: float, changed: Scenario | None = None) -> float:
-    """Return the largest factor of a mode that moves an agent, for one control period.
+def spectral_radii(scenario: Scenario, backend: str, settling: float, *changed: Scenario) -> list[float]:
+    """Return the largest factor of a mode that moves an agent, for one control period, of each of several laws.
 
     Args:
         scenario: Scenario of the run.
         backend: 'ideal' or 'physics'.
         settling: Time after which the team has settled, s.
-        changed: Scenario with another law that remembers the same, which continues there; None for the same one.
+        changed: Scenarios with other laws that remember the same, which continue there; the scenario's own if none.
     """
     with Session(scenario, backend) as session:
         while session.time < settling:
             session.step()
         state = session.state
     lines = (int(delay) + 1 for delay in scenario.system.law.links.table["delay"])
-    with Session(changed or scenario, backend) as session:
-        return float(np.abs(factors_of_loop(session, state, math.lcm(*lines))).max())
+    periods, radii = math.lcm(*lines), []
+    for each in changed or (scenario,):
+        with Session(each, backend) as session:
+            radii.append(float(np.abs(factors_of_loop(session, state, periods)).max()))
+    return radii
 
 
 def radii_in_a_medium(scenario: Scenario, gains: list[float], settling: float) -> list[float]:
