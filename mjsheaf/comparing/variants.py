@@ -42,9 +42,10 @@ from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import Phase, System, phases_of
+from mjsheaf.progress import Report, no_progress
 from mjsheaf.results import metrics
 from mjsheaf.results.ending import Ending, settling_time
-from mjsheaf.runs.simulate import Progress, datasets_of, no_progress
+from mjsheaf.runs.simulate import datasets_of
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
 from mjsheaf.vehicles.effects import Effects, has_effects
@@ -635,7 +636,7 @@ def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> lis
 def run_ablation(
     run: System | Sequence[Phase],
     ladder: list[Variant],
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
     *,
     law: LawFile | None = None,
     seed: int = 0,
@@ -740,7 +741,7 @@ class ConvergenceRecord(FiniteRecord):
 
 def converge(
     system: System,
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
     *,
     span: float = 6.0,  # s; runs at short steps cost
     catch_up: float = 10.0,  # time constants over which bodies catch up with the flow
