@@ -472,10 +472,6 @@ class ClosedLoop(Engine):
         controlled_positions(self._fleet, self._loop.state.qpos, x)
         return x
 
-    def heights(self) -> Array:
-        """z of every body, floating ones included, shape (V,), m."""
-        return self._loop.state.qpos.reshape(-1, 7)[:, 2].copy()
-
     def quaternions(self) -> Array:
         """Attitudes (w, x, y, z), body to world, shape (V, 4)."""
         return self._loop.state.qpos.reshape(-1, 7)[:, 3:].copy()

@@ -18,7 +18,18 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, simulate
 from mjsheaf.vehicles import vehicle as vehicles
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, attitude, body, find, make_scenario, mixed_scenario, pursuit, setting, xml_of
+from tests.builders import (
+    altered,
+    attitude,
+    body,
+    find,
+    heights,
+    make_scenario,
+    mixed_scenario,
+    pursuit,
+    setting,
+    xml_of,
+)
 from tests.oracles.law import medium, velocity_commands
 from tests.oracles.rigid_body import hold_moment
 from tests.running import run_physics
@@ -255,12 +266,12 @@ def boat(height: float = 0.0) -> World:
 def test_a_boat_floats_and_rights_itself(height: float) -> None:
     world = boat(height)
     world.step(100)
-    np.testing.assert_allclose(world.heights()[0], height, atol=1e-9)
+    np.testing.assert_allclose(heights(world)[0], height, atol=1e-9)
     level = attitude(world)
     world.data.qpos[body(world)[1]][2] += 0.4
     turn(world, 0, level @ Rotation.from_euler("xy", [0.5, -0.3]).as_matrix())
     world.step(6000)
-    np.testing.assert_allclose(world.heights()[0], height, atol=1e-6)
+    np.testing.assert_allclose(heights(world)[0], height, atol=1e-6)
     np.testing.assert_allclose(attitude(world), level, atol=1e-6)
 
 
@@ -275,7 +286,7 @@ def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
     world.data.qpos[body(world)[1]][2] = 0.02
     world.step(150)
     R = attitude(world)
-    seen = world.heights()[0], R[2, 1], -R[2, 0]
+    seen = heights(world)[0], R[2, 1], -R[2, 0]
     cases = (
         (0.02, vehicle.mass, vehicle.drag[2], floats.heave),
         (0.01, vehicle.inertia[0, 0], c[0], floats.roll),

@@ -27,6 +27,7 @@ from tests.builders import (
     ask,
     attitude,
     body,
+    heights,
     make_scenario,
     place,
     step_unpowered,
@@ -120,7 +121,7 @@ def test_a_boat_floats_upright_at_its_draft(name: str) -> None:
     world = alone(name, heading=50)
     world.step(40_000)
     R = attitude(world)
-    assert world.heights()[0] == pytest.approx(0.0, abs=1e-7)
+    assert heights(world)[0] == pytest.approx(0.0, abs=1e-7)
     assert np.arctan2(R[2, 1], R[2, 2]) == pytest.approx(0.0, abs=1e-7)
     assert -np.arcsin(R[2, 0]) == pytest.approx(pitch, abs=1e-7)
     assert yaw_of(world) == pytest.approx(np.deg2rad(50), abs=1e-7 if name == "wamv" else 0.02)
@@ -308,7 +309,7 @@ def test_a_boat_comes_back_at_the_period_of_its_restoring_and_inertia(name: str,
     advance = expm(timestep * A)
     for k in range(count + 1):
         R = rest.T @ attitude(world)
-        seen[k] = (world.heights()[0], R[2, 1], R[0, 2])[mode - 2]
+        seen[k] = (heights(world)[0], R[2, 1], R[0, 2])[mode - 2]
         if k < count:
             x[k + 1] = advance @ x[k]
             step_unpowered(world, 1)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import make_scenario, mixed_scenario, pursuit, refused
+from tests.builders import heights, make_scenario, mixed_scenario, pursuit, refused
 from tests.running import run_physics
 
 Array = NDArray[np.float64]
@@ -234,7 +234,7 @@ def test_thrusters_found_by_id_can_be_stopped() -> None:
     other.step(1000)
     np.testing.assert_array_equal(world.data.actuator_force[own], 0.0)
     assert other.data.actuator_force[own].any()
-    apart = dict(zip([m.id for m in world.system.team.members], other.heights() - world.heights(), strict=True))
+    apart = dict(zip([m.id for m in world.system.team.members], heights(other) - heights(world), strict=True))
     assert abs(apart["front"]) > 0.2
     assert apart["diver"] == 0.0
 
