@@ -15,7 +15,7 @@ from time import perf_counter, thread_time
 from typing import Any, TypeVar
 
 from mjsheaf.errors import InputError
-from mjsheaf.runs.simulate import Progress, no_progress
+from mjsheaf.progress import Report, no_progress
 from mjsheaf.scenario import Scenario, load_scenario
 
 T = TypeVar("T")
@@ -147,7 +147,7 @@ def run_bench(
     *,
     short: bool = True,
     peers: str | None = None,
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
 ) -> dict[str, Any]:
     """Measure the speed of this machine.
 

@@ -114,6 +114,16 @@ def joined(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
+def and_others(name: str, others: int) -> str:
+    """Return a name with the number of others, if there are any: A and 2 others."""
+    return name + (f" and {others} other{'s' * (others > 1)}" if others else "")
+
+
+def with_verb(name: str, others: int, one: str = "is", several: str = "are") -> str:
+    """Return a name with the number of others and the verb, as a sentence about them begins."""
+    return f"{and_others(name, others)} {several if others else one}"
+
+
 def select_true(reasons: Mapping[str, object]) -> list[str]:
     """Return the texts whose conditions are true."""
     return [text for text, true in reasons.items() if true]

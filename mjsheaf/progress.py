@@ -16,6 +16,11 @@ from typing import Any, TextIO
 Report = Callable[[str, int, int], None]
 """Called with (what is being done, done, in all)."""
 
+
+def no_progress(what: str, done: int, total: int) -> None:
+    """Ignore progress."""
+
+
 DELAY = 0.5
 """Time before progress appears, s."""
 BETWEEN_LINES = 2.0

@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -33,3 +33,16 @@ def usable_processors() -> int:
     except (OSError, ValueError):
         return allowed
     return max(1, min(allowed, math.ceil(quota / period)))
+
+
+class WithThreads:
+    """Base of what may have threads, which end with a `with` block."""
+
+    def close(self) -> None:
+        """End the threads, if there are any."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()

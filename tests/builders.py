@@ -491,6 +491,11 @@ def attitude(world: World, v: int = 0) -> Array:
     return Rotation.from_quat(world.quaternions()[v], scalar_first=True).as_matrix()
 
 
+def least_thrust(vehicle: Vehicle) -> float:
+    """Maximum thrust of a level vehicle in the weakest horizontal direction, N; of a boat at its hand point ahead."""
+    return min(vehicle.steering.largest_force(vehicle, direction) for direction in vehicle.steering.directions)
+
+
 def yaw_of(world: World) -> float:
     """Heading of vehicle 0, rad."""
     R = attitude(world)

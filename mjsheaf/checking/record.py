@@ -21,7 +21,7 @@ from mjsheaf.checking.spectrum import Fragility, RelativeCohomology
 from mjsheaf.checking.theorem.certificate import Assumption
 from mjsheaf.checking.theorem.targets import TargetsLoop
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.errors import listed
+from mjsheaf.errors import and_others, listed
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 
 
@@ -462,10 +462,9 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
         yield Problem(kind="flow", what="a vehicle cannot hold its place in the flow", why=part.margins.bodies.reason)
     if carried:
         worst_id = max(carried, key=carried.__getitem__)
-        others = f" and {len(carried) - 1} other{'s' if len(carried) > 2 else ''}" if len(carried) > 1 else ""
         yield Problem(
             kind="gusts",
-            what=f"{worst_id}{others} cannot hold against gusts and waves",
+            what=f"{and_others(worst_id, len(carried) - 1)} cannot hold against gusts and waves",
             why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be",
             fix="a calmer medium, faster vehicles, or a higher velocity_limit if the vehicle allows it",
         )
@@ -518,7 +517,7 @@ def _of_room(safety: SafetyRecord, period: float) -> Iterator[Problem]:
             "safety.distance",
         )
     known = {tuple(one.pair) for one in close}
-    kept = [one for one in safety.out_of_reach(on_bodies=True) if tuple(one.pair) not in known]
+    kept = [one for one in safety.standoff_on_bodies if one.lasts and tuple(one.pair) not in known]
     if not kept:
         return
     worst = max(kept, key=lambda one: one.kept - one.desired)

@@ -105,10 +105,6 @@ class SafetyRecord(Record):
         "far they travel until they stop"
     )
 
-    def out_of_reach(self, *, on_bodies: bool = False) -> list[Standoff]:
-        """Return the standoffs that are larger than the formation at most samples, so that it cannot be reached."""
-        return [one for one in (self.standoff_on_bodies if on_bodies else self.standoff) if one.lasts]
-
 
 def safety_record(system: System, certificate: Certificate) -> SafetyRecord | None:
     """Return the guarantees of the filter; None without one."""

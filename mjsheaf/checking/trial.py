@@ -16,7 +16,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import TooClose, too_close_in
-from mjsheaf.errors import InputError, NotUniqueError, RankError
+from mjsheaf.errors import InputError, NotUniqueError, RankError, with_verb
 from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import engine_of, prepare_run
 from mjsheaf.loop.system import Phase, System
@@ -230,8 +230,8 @@ def _problems(
     if stuck:
         first = team.agent_ids[stuck[0].agent]
         text = (
-            f"{_are(first, len(stuck) - 1)} stuck: {first} does not move from t = {stuck[0].start:.6g} s to the end, "
-            f"{stuck[0].error:.3g} m off: {stuck[0].reason}"
+            f"{with_verb(first, len(stuck) - 1)} stuck: {first} does not move from t = {stuck[0].start:.6g} s to the "
+            f"end, {stuck[0].error:.3g} m off: {stuck[0].reason}"
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
     system, last = of_phase(phases, data, -1)
@@ -284,7 +284,7 @@ def _failing(
         told = words.format(name=ids[worst], number=number, time=time, **others)
         yield TrialProblem(
             kind=kind,
-            text=f"{_are(ids[worst], int(failed.sum()) - 1)} {told}",
+            text=f"{with_verb(ids[worst], int(failed.sum()) - 1)} {told}",
             agent=ids[worst],
             time=time,
             number=number,
@@ -478,8 +478,3 @@ def _limited(system: System, data: xr.Dataset, *, nearly: float = 1.0 - 1e-9, sh
     missing = command.mean(axis=0) - steady + system.drift_in_wind(-steady)
     short = (commanded > MIN_SPEED) & (np.linalg.norm(missing, axis=1) > shortfall * commanded)
     return np.where(short, 1.0, at_limit.mean(axis=0))
-
-
-def _are(name: str, others: int) -> str:
-    """Return a name with the number of others and the verb, as a sentence about them begins."""
-    return f"{name} and {others} other{'s' if others > 1 else ''} are" if others else f"{name} is"

@@ -5,7 +5,7 @@ The latter are `compare-runs`, `video`, `plot` and `report`.
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -49,12 +49,10 @@ from mjsheaf.cli.options import (
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field, printable, shortened
 
 if TYPE_CHECKING:
-    from mjsheaf.comparing.compare import Published
     from mjsheaf.progress import Report
     from mjsheaf.runs.publish import Outcome
     from mjsheaf.scenario import Scenario
     from mjsheaf.studies.study import Study
-    from mjsheaf.video.film import VideoOptions
 
 _NORMS = {
     "mean_disagreement": "mean over agents",
@@ -295,7 +293,11 @@ def run(
             )
     print_outcome(outcome, overridden=bool(overrides))
     if options is not None:
-        outcome = _draw_video(outcome, loaded, options)
+        _draw_video(
+            directory / "video.mp4",
+            publish.without_video(directory),
+            lambda bars: "".join(publish.add_video(outcome, loaded, options, bars).notes),
+        )
     if outcome.summary["status"] == "unstable":
         raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {directory}")
     if expect:
@@ -322,19 +324,21 @@ def _as_expected(scenario: str, refusal: str | None) -> Iterator[None]:
         raise type(error)(f"{scenario}: {error}{verdict}") from None
 
 
-def _draw_video(outcome: "Outcome", scenario: "Scenario", options: "VideoOptions") -> "Outcome":
-    """Draw the video of a published run into its directory, and print where it is or why there is none."""
-    from mjsheaf.runs.publish import add_video, without_video
+def _draw_video(path: Path, kept: str, draw: Callable[["Report"], str]) -> None:
+    """Draw the video of a published run or comparison into its directory, and print its path or why there is none.
 
-    directory = outcome.directory
-    print_lines(f"drawing the video; all other files are written: open {directory / 'report.html'} in any browser")
-    with progress_bars() as bars, saying_what_is_kept(partial(without_video, directory)):
-        outcome = add_video(outcome, scenario, options, bars)
-    for note in outcome.notes:
-        print_note(note)
-    if outcome.summary["video"] is not None:
-        print_lines(f"  {directory / 'video.mp4'}")
-    return outcome
+    Args:
+        path: Path of the video.
+        kept: Sentence about what is complete without the video.
+        draw: Draws it, and returns the reason why there is none, or ''.
+    """
+    print_lines(f"drawing the video; all other files are written: open {path.with_name('report.html')} in any browser")
+    with progress_bars() as bars, saying_what_is_kept(lambda: kept):
+        reason = draw(bars)
+    if reason:
+        print_note(reason)
+    else:
+        print_lines(f"  {path}")
 
 
 def compare(
@@ -361,7 +365,7 @@ def compare(
     bodies right) to a directory (default runs/NAME-compare).
     """
     with progress_bars() as bars:
-        from mjsheaf.comparing.compare import publish
+        from mjsheaf.comparing.compare import add_video, publish
         from mjsheaf.comparing.page import report, summary
         from mjsheaf.scenario.load import find_law
 
@@ -386,24 +390,14 @@ def compare(
         print_lines(*summary(record))
     print_lines(*filter(None, [published.replaced]), *describe_files(directory, _COMPARED_FILES))
     if video:
-        _draw_comparison(published, quality)
+        _draw_video(
+            directory / "compare.mp4",
+            f"{directory} is complete except for its video",
+            lambda bars: add_video(published, quality, bars),
+        )
     for rung in map(record.rung, ("ideal", "all")):
         if rung.status != "finished":
             raise UnstableError(f"{rung.label}: {rung.message}; what was found is in {directory}")
-
-
-def _draw_comparison(published: "Published", quality: str) -> None:
-    """Draw the video of a published comparison and print its path, or why there is none."""
-    from mjsheaf.comparing.compare import add_video
-
-    directory = published.directory
-    print_lines(f"drawing the video; all other files are written: open {directory / 'report.html'} in any browser")
-    with progress_bars() as bars, saying_what_is_kept(lambda: f"{directory} is complete except for its video"):
-        reason = add_video(published, quality, bars)
-    if reason:
-        print_note(reason)
-    else:
-        print_lines(f"  {directory / 'compare.mp4'}")
 
 
 def compare_runs(

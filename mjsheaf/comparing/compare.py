@@ -34,12 +34,12 @@ from mjsheaf.comparing.variants import (
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import Phase
+from mjsheaf.progress import Report, no_progress
 from mjsheaf.results import summarize
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.diagnostics import examine_terms
 from mjsheaf.runs.publish import draw_video, write_scenario
-from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.show.style import AS_USUAL, FigureOptions
@@ -56,7 +56,7 @@ class Comparison:
 
 def compare(
     scenario: Scenario,
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
     *,
     engine: str = "mujoco",
     threads: int | None = None,
@@ -111,9 +111,7 @@ def compare(
     return Comparison(draft.model_copy(update={"phases": own, "verdict": verdict_of(draft)}), runs)
 
 
-def _about_law(
-    phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None, progress: Progress
-) -> dict[str, Any]:
+def _about_law(phases: Sequence[Phase], runs: dict[str, Run], law: LawFile | None, progress: Report) -> dict[str, Any]:
     """Return the fields of a `CompareRecord` about the law; a law in Python has only a name."""
     if law is not None:
         return {"law": law.label, "controller": law.label, "gain": None, "usable_gain": None, "ringing": None}
@@ -155,7 +153,7 @@ def _phase(phases: Sequence[Phase], k: int, runs: dict[str, Run], at_q_star: Ser
     )
 
 
-def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Progress) -> ConvergenceRecord:
+def _convergence(phases: Sequence[Phase], law: LawFile | None, progress: Report) -> ConvergenceRecord:
     """Measure the convergence of the first phase's team under the paper's law."""
     if law is None:
         return converge(phases[0].system.remaining, progress)
@@ -199,7 +197,7 @@ def publish(
     law: LawFile | None = None,
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
 ) -> Published:
     """Compare a scenario's ideal kinematics with its bodies and write the directory, even if bodies blow up.
 
@@ -225,7 +223,7 @@ def publish(
     return Published(directory, scenario, replace(comparison, record=record), replaced)
 
 
-def add_video(published: Published, quality: str | None = None, progress: Progress = no_progress) -> str:
+def add_video(published: Published, quality: str | None = None, progress: Report = no_progress) -> str:
     """Draw ideal kinematics and bodies side by side into the directory of a published comparison.
 
     The video appears when it is complete, and compare.json then names it.

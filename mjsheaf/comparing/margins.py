@@ -34,9 +34,9 @@ from mjsheaf.comparing.variants import (
     without_links,
 )
 from mjsheaf.loop.system import Phase, System
+from mjsheaf.progress import Report, no_progress
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.ending import Ending
-from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.section import Finite, FiniteRecord
 from mjsheaf.vehicles.loading import list_vehicles
 
@@ -159,7 +159,7 @@ def try_gains(
     phases: Sequence[Phase],
     given: Run,
     largest_stable: float | None,
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
     *,
     factors: Sequence[float] = (2.0, 4.0),
     below_unstable: float = 0.9,
@@ -171,7 +171,7 @@ def try_gains(
         phases: Phases of the scenario.
         given: Run of the scenario as given.
         largest_stable: Gain above which the vehicles' loop is unstable, 1/s; None if unknown.
-        progress: See `Progress`.
+        progress: See `Report`.
         factors: Multiples of the present gain that are tried.
         below_unstable: Largest gain that is tried, as a fraction of the gain that makes the loop unstable.
         worth_trying: Smallest multiple of the present gain that is tried.

@@ -42,13 +42,13 @@ from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import Phase, System, phases_of
+from mjsheaf.progress import Report, no_progress
 from mjsheaf.results import metrics
 from mjsheaf.results.ending import Ending, settling_time
-from mjsheaf.runs.simulate import Progress, datasets_of, no_progress
+from mjsheaf.runs.simulate import datasets_of
 from mjsheaf.scenario.load import LawFile
 from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
 from mjsheaf.vehicles.effects import Effects, has_effects
-from mjsheaf.vehicles.vehicle import Vehicle
 
 Role = Literal["agents", "targets"]
 ROLES: tuple[Role, Role] = ("agents", "targets")
@@ -556,16 +556,6 @@ def display_name(effect: str) -> str:
     return effect.replace("_", " ")
 
 
-def inertial_tau(vehicle: Vehicle) -> Array:
-    """Compute M / (M k_v + D) of the controlled velocity along body axes at low speed, shape (n,), s.
-
-    Thrusters do not lag here; `ReducedModel.tau` includes their lag.
-    """
-    rows = vehicle.steering.velocity_rows[: vehicle.dimension]
-    mass, drag = vehicle.moving_mass[rows], np.concatenate([vehicle.drag, vehicle.angular_drag])[rows]
-    return np.asarray(mass / (mass * vehicle.rate + drag))
-
-
 def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
     """Return the effects that are on in a scenario and that some of its vehicles have, in the order of EFFECTS.
 
@@ -580,7 +570,7 @@ def effects_of(system: System, names: Iterable[str] | None = None) -> list[str]:
         vehicle = system.described_vehicle(name).with_time_constant(plan.time_constant)
         own = has_effects(vehicle)
         found |= {effect for effect in _OF_VEHICLES if getattr(own, effect)}
-        if inertial_tau(vehicle).max() > plan.effects.massless_tau * (1.0 + 1e-9):
+        if vehicle.reduced_model().tau_with(0.0).max() > plan.effects.massless_tau * (1.0 + 1e-9):
             found.add("inertia")
     return [effect for effect in EFFECTS if effect in found & _switched_on(system)]
 
@@ -635,7 +625,7 @@ def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> lis
 def run_ablation(
     run: System | Sequence[Phase],
     ladder: list[Variant],
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
     *,
     law: LawFile | None = None,
     seed: int = 0,
@@ -740,7 +730,7 @@ class ConvergenceRecord(FiniteRecord):
 
 def converge(
     system: System,
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
     *,
     span: float = 6.0,  # s; runs at short steps cost
     catch_up: float = 10.0,  # time constants over which bodies catch up with the flow
@@ -759,7 +749,7 @@ def converge(
     """
     system = _with_inertia(replace(system, initial=positions_at_q_star(system, system.initial[None])[0]), None)
     grid = system.grid
-    largest = of_own * min(float(inertial_tau(v).min()) for v in system.vehicles)
+    largest = of_own * min(float(v.reduced_model().tau_with(0.0).min()) for v in system.vehicles)
     fastest = system.gain * system.largest_eigenvalue
     if fastest > 0.0:
         largest = min(largest, of_law / fastest)

@@ -75,6 +75,7 @@ class _Compilations(event.Listener):
         seconds: Time that compiling took, s.
         count: Functions that were compiled.
         expected: About how many functions will have been compiled when the present compilation ends.
+        begun: Times at which the compilations that are under way began, s.
     """
 
     def __init__(self) -> None:
@@ -82,35 +83,30 @@ class _Compilations(event.Listener):
         self.count = 0
         self.expected = 0
         self._compiled: set[Any] = set()
-        self._begun: list[float] = []  # one within the other
+        self.begun: list[float] = []  # one within the other
         self._announced = False
         self._usual = gc.get_threshold()
 
     def on_start(self, event: Any) -> None:
         function = event.data["dispatcher"].py_func
-        if not self._begun:
+        if not self.begun:
             self.expected = self.count + len(_functions_called(function, self._compiled))
             self._usual = gc.get_threshold()
             # numba makes millions of objects, few of them garbage: with Python's own thresholds, looking for it took a
             # tenth of the time.
             gc.set_threshold(50_000, 20, 20)
-        self._begun.append(perf_counter())
+        self.begun.append(perf_counter())
         if not self._announced and str(function.__module__).startswith("mjsheaf."):
             self._announced = True
             _logger.info("compiling the loops for this machine, once")
 
     def on_end(self, event: Any) -> None:
-        begun = self._begun.pop()
+        begun = self.begun.pop()
         self.count += 1
         self._compiled.add(event.data["dispatcher"].py_func)
-        if not self._begun:
+        if not self.begun:
             self.seconds += perf_counter() - begun
             gc.set_threshold(*self._usual)
-
-    @property
-    def under_way(self) -> bool:
-        """True while something is compiled."""
-        return bool(self._begun)
 
 
 def _functions_called(function: Any, known: set[Any]) -> set[Any]:
@@ -138,7 +134,7 @@ def compilation_time() -> float:
 
 def compiling() -> tuple[int, int] | None:
     """Return the number of the function that is being compiled and about how many there are; None if there is none."""
-    if not _compilations.under_way:
+    if not _compilations.begun:
         return None
     number = _compilations.count + 1
     return number, max(number, _compilations.expected)

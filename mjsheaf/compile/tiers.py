@@ -19,6 +19,7 @@ from zlib import crc32
 
 import numpy as np
 
+from mjsheaf.arrays import mapped
 from mjsheaf.compile.jit import INTERPRETED, Dispatcher, Held, kinds_of
 from mjsheaf.compile.machine_code import source_hash
 
@@ -169,9 +170,4 @@ def _numbers_in(tree: Any) -> int:
 
 def _as_records(tree: Any) -> Any:
     """Return nested tuples with records whose fields are attributes, as compiled code reads them."""
-    if isinstance(tree, tuple):
-        values = map(_as_records, tree)
-        return type(tree)._make(values) if hasattr(tree, "_make") else tuple(values)
-    if isinstance(tree, np.ndarray) and tree.dtype.names:
-        return tree.view(np.recarray)
-    return tree
+    return mapped(lambda leaf: leaf.view(np.recarray) if getattr(leaf, "dtype", np.dtype(int)).names else leaf, tree)

@@ -113,23 +113,35 @@ def box(size: int, bound: float) -> Any:
     return spaces.Box(-bound, bound, (size,), np.float64)
 
 
-class TeamEnv(gymnasium.Env[Array, Array]):
-    """The environment that `env` returns.
+class OfEpisode:
+    """The part of an environment that Gymnasium and PettingZoo share.
 
     Attributes:
         episode: The core.
     """
 
-    def __init__(self, episode: FlatEpisode) -> None:
-        """Offer an episode.
-
-        Args:
-            episode: The core, at the start of an episode.
-        """
+    def __init__(self, episode: FlatEpisode, **metadata: Any) -> None:
+        """Offer an episode, which is at its start."""
         self.episode = episode
-        period = episode.scenario.whole.grid.period
-        self.metadata = {"render_modes": RENDER_MODES, "render_fps": max(1, round(1.0 / period))}
+        rate = max(1, round(1.0 / episode.scenario.whole.grid.period))
+        self.metadata = {"render_modes": RENDER_MODES, "render_fps": rate, **metadata}
         self.render_mode = episode.render_mode
+
+    def render(self) -> Any:
+        """Return a picture, shape (480, 640, 3); None without a render mode."""
+        return self.episode.picture() if self.render_mode else None
+
+    def close(self) -> None:
+        """End the run."""
+        self.episode.session.close()
+
+
+class TeamEnv(OfEpisode, gymnasium.Env[Array, Array]):
+    """The environment that `env` returns; see `OfEpisode`."""
+
+    def __init__(self, episode: FlatEpisode) -> None:
+        """Offer an episode, which is at its start."""
+        super().__init__(episode)
         each = episode.action_spaces.values()
         low, high = (np.concatenate([getattr(space, end) for space in each]) for end in ("low", "high"))
         self.action_space = spaces.Box(low, high, dtype=np.float64)
@@ -156,14 +168,6 @@ class TeamEnv(gymnasium.Env[Array, Array]):
         broken = bool(episode.message)
         info = {"message": episode.message} if broken else {}
         return self.observe(), float(episode.rewards.sum()), broken, episode.finished and not broken, info
-
-    def render(self) -> Any:
-        """Return a picture, shape (480, 640, 3); None without a render mode."""
-        return self.episode.picture() if self.render_mode else None
-
-    def close(self) -> None:
-        """End the run."""
-        self.episode.session.close()
 
 
 def env(scenario: Scenario, **options: Any) -> TeamEnv:

@@ -9,29 +9,20 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from mjsheaf.arrays import Array
-from mjsheaf.envs.gym import RENDER_MODES, FlatEpisode
+from mjsheaf.envs.gym import FlatEpisode, OfEpisode
 from mjsheaf.scenario import Scenario
 
 
-class TeamParallelEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo's type variables are its own
-    """The environment that `parallel_env` returns.
+class TeamParallelEnv(OfEpisode, ParallelEnv):  # type: ignore[misc] # PettingZoo's type variables are its own
+    """The environment that `parallel_env` returns; see `OfEpisode`.
 
     Attributes:
-        episode: The core.
         possible_agents: Ids of all agents, those included that join later.
         agents: Ids of the agents whose episode has not ended.
     """
 
     def __init__(self, episode: FlatEpisode) -> None:
-        self.episode = episode
-        period = episode.scenario.whole.grid.period
-        self.metadata = {
-            "name": f"mjsheaf_{episode.scenario.name}_v0",
-            "render_modes": RENDER_MODES,
-            "render_fps": max(1, round(1.0 / period)),
-            "is_parallelizable": True,
-        }
-        self.render_mode = episode.render_mode
+        super().__init__(episode, name=f"mjsheaf_{episode.scenario.name}_v0", is_parallelizable=True)
         self.possible_agents = list(episode.agents)
         self.agents: list[str] = []
         self.state_space = spaces.Box(-np.inf, np.inf, episode.state().shape, np.float64)
@@ -82,14 +73,6 @@ class TeamParallelEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo's type va
     def state(self) -> Array:
         """Return all that determines the rest of the episode."""
         return self.episode.state()
-
-    def render(self) -> Any:
-        """Return a picture, shape (480, 640, 3); None without a render mode."""
-        return self.episode.picture() if self.render_mode else None
-
-    def close(self) -> None:
-        """End the run."""
-        self.episode.session.close()
 
 
 def parallel_env(scenario: Scenario, **options: Any) -> TeamParallelEnv:

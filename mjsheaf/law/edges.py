@@ -51,6 +51,7 @@ from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import as_records, inline_jit, jit
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.noise import normal_of, stream_of, uniforms
+from mjsheaf.sheaf.nonlinear import MEASURES
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.links import KINDS, WHOLE, LinkModel, Links, perceive, require_bearing, whole_periods
 
@@ -74,14 +75,11 @@ def pack_kinds(edges: Sequence[Edge]) -> Any:
     """Return the EdgeKinds of edges; () if all compare positions."""
     if all(edge.measures == "position" for edge in edges):
         return ()
-    names = ("position", "range", "bearing")
-    desired = []
-    for edge in edges:
-        value = np.zeros(len(edge.F_tail))
-        if edge.measures != "position" and edge.offset is not None:
-            value[: len(edge.offset)] = edge.offset
-        desired.append(value)
-    return EdgeKinds(np.array([names.index(edge.measures) for edge in edges], dtype=np.int64), np.concatenate(desired))
+    none = np.zeros(0)
+    given = [none if edge.offset is None or edge.measures == "position" else edge.offset for edge in edges]
+    desired = [np.pad(value, (0, len(edge.F_tail) - len(value))) for value, edge in zip(given, edges, strict=True)]
+    code = np.array([MEASURES.index(edge.measures) for edge in edges], dtype=np.int64)
+    return EdgeKinds(code, np.concatenate(desired))
 
 
 class OffsetRamp(NamedTuple):

@@ -247,8 +247,8 @@ class Waypoints(Tagged):
     closed: bool = Field(False, description="whether the path returns to the initial position and repeats")
     pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it [1/s]")
 
-    def spline(self, initial: Array, start: float) -> "PPoly":
-        """The path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial.
+    def spline(self, initial: Array, start: float, end: float) -> "PPoly":
+        """The path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial; it takes its own time.
 
         It is the quintic spline through the points at times in proportion to the distances between them: position,
         velocity and acceleration are continuous. An open path starts and ends at rest, and holds its last point.
@@ -315,13 +315,13 @@ class Recorded(Selection, _Source):
             return self
         return Recorded(samples=read_positions(self.path, self), pull=self.pull)
 
-    def spline(self, n: int, start: float, end: float) -> "PPoly":
-        """The path, its first n coordinates, m, over time, s.
+    def spline(self, initial: Array, start: float, end: float) -> "PPoly":
+        """The path, m, over time, s, in as many coordinates as the target's initial position (n,) has.
 
         Raises:
             InputError: samples are of another dimension, do not rise, or do not cover the run from `start` to `end`.
         """
-        path = self.curve(n).path
+        path = self.curve(len(initial)).path
         if path.x[0] > start + _CLOCK or path.x[-1] < end - _CLOCK:  # the path stands still for that long
             covered = f"{path.x[0]:g} to {path.x[-1]:g} s"
             raise InputError(f"samples cover {covered}; expected all of the run, {start:g} to {end:g} s")
@@ -418,10 +418,7 @@ def pack_motions(
                 motion.write(arrays, v, n, start)
             if not isinstance(motion, Waypoints | Recorded):
                 continue
-            if isinstance(motion, Waypoints):
-                spline = motion.spline(positions[v, :n], start)
-            else:
-                spline = motion.spline(n, start, start if end is None else end)
+            spline = motion.spline(positions[v, :n], start, start if end is None else end)
         pieces = len(spline.x) - 1
         arrays.path[v] = len(arrays.knots), pieces
         closed = isinstance(motion, Waypoints) and motion.closed

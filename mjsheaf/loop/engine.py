@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from mjsheaf.law.in_python import Controller, Law, Sample, View, controller_of
 from mjsheaf.law.law import ControlArrays, LawArrays, Memory, carry, with_ramp
 from mjsheaf.law.terms import Traffic
 from mjsheaf.loop.system import Phase, System, on_engine, phases_of
+from mjsheaf.threads import WithThreads
 
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
@@ -264,7 +265,7 @@ class Recorder(NamedTuple):
     written: IntArray
 
 
-class Engine(ABC):
+class Engine(WithThreads, ABC):
     """A run with the loop closed: its phases, its law and its samples.
 
     Subclasses must implement the abstract methods.
@@ -317,7 +318,7 @@ class Engine(ABC):
         self._prepare()
         self.reset()
 
-    def _prepare(self) -> None:  # noqa: B027
+    def _prepare(self) -> None:
         """Make what no seed changes."""
 
     def _take(self, phases: Sequence[Phase]) -> None:
@@ -716,14 +717,3 @@ class Engine(ABC):
     def _go_to(self, state: Array) -> None:
         """Take over from the numbers of a state, which begin with the steps taken, at what time it is."""
         self._count[0] = state[0]
-
-    # -- threads -------------------------------------------------------------------------------------------------------
-
-    def close(self) -> None:  # noqa: B027
-        """End the threads of an engine that has any."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()

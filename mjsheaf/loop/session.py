@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Self, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from mjsheaf.arguments import real_numbers, require_choice, require_scenario, require_whole
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, NotUniqueError, RankError
-from mjsheaf.threads import usable_processors
+from mjsheaf.threads import WithThreads, usable_processors
 
 if TYPE_CHECKING:
     from mjsheaf.law.in_python import Controller, Law, Sample
@@ -24,7 +24,7 @@ BACKENDS = ("physics", "ideal")
 ENGINES = ("mujoco", "fused")
 
 
-class Session:
+class Session(WithThreads):
     """Closed-loop run that advances one control period at a time.
 
     It gives the results of `simulate` bit for bit: repeated calls of `step` give the samples of its dataset. If it has
@@ -159,12 +159,6 @@ class Session:
     def close(self) -> None:
         """End the threads."""
         self.engine.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def engine_of(

@@ -77,7 +77,7 @@ class GriddedFlow(FlowField):
                 f"path: the file covers {grid.time[0]:.6g} to {grid.time[-1]:.6g} s of the scenario's time; expected "
                 f"{met.start:.6g} to {met.end:.6g} s: choose another start, time.end or file"
             )
-        arrays = GridArrays(met.met.astype(np.int64), *grid, not np.array_equal(grid.turn, np.eye(2)))
+        arrays = GridArrays(met.met.astype(np.int64), grid, not np.array_equal(grid.turn, np.eye(2)))
         state, found = arrays.new_state(), np.zeros(met.positions.shape)
         for v, place in enumerate(met.positions.tolist()):
             found[v] = grid_velocity(arrays, state, met.start, v, *place)
@@ -128,14 +128,15 @@ def _blend(level, i, j, f, g, n):
 
 
 @jit
-def grid_velocity(grid, state, t, v, x, y, z):
+def grid_velocity(flow, state, t, v, x, y, z):
     """Return the velocity of the flow at a point, as three numbers, m/s; NaN outside the grid and on land."""
-    if grid.met[v] == 0:
+    grid = flow.grid
+    if flow.met[v] == 0:
         return 0.0, 0.0, 0.0
     if np.isnan(x + y):  # what becomes of a vehicle that has met NaN
         return np.nan, np.nan, np.nan
     a, b = x, y
-    if grid.turned:
+    if flow.turned:
         a = grid.turn[0, 0] * x + grid.turn[0, 1] * y
         b = grid.turn[1, 0] * x + grid.turn[1, 1] * y
     i, j = _cell(grid.x, a), _cell(grid.y, b)
@@ -161,18 +162,16 @@ def grid_velocity(grid, state, t, v, x, y, z):
 
 
 class GridArrays(NamedTuple):
-    """A gridded flow for compiled code: see `Grid`, and the vehicles that meet it.
+    """A gridded flow for compiled code.
 
     Attributes:
         met: 1 for vehicles that meet it, else 0, shape (V,).
+        grid: Its velocities.
+        turned: True if the axes of the grid are not those of the plane.
     """
 
     met: IntArray
-    x: Array
-    y: Array
-    time: Array
-    velocity: Array
-    turn: Array
+    grid: Grid
     turned: bool
 
     def new_state(self, take: Take = np.zeros) -> Array:
@@ -183,21 +182,21 @@ class GridArrays(NamedTuple):
 
     def bound(self) -> Bounds:
         """Return the largest values of a gridded flow and of its derivatives, which are at nodes and corners."""
-        w = self.velocity
-        along_x = np.diff(w, axis=2) / np.diff(self.x)[:, None]
-        along_y = np.diff(w, axis=1) / np.diff(self.y)[:, None, None]
+        x, y, time, w, turn = self.grid
+        along_x = np.diff(w, axis=2) / np.diff(x)[:, None]
+        along_y = np.diff(w, axis=1) / np.diff(y)[:, None, None]
         slope = 0.0
         for rows in (slice(None, -1), slice(1, None)):
             for columns in (slice(None, -1), slice(1, None)):
                 J = np.stack([along_x[:, rows], along_y[:, :, columns]], axis=-1)
                 if self.turned:
-                    J = J @ self.turn
+                    J = J @ turn
                 a, b, c = (np.einsum("...i,...i", J[..., m], J[..., n]) for m, n in ((0, 0), (0, 1), (1, 1)))
                 squares = 0.5 * (a + c) + np.hypot(0.5 * (a - c), b)  # of the norm: largest eigenvalues of J^T J
                 slope = max(slope, math.sqrt(np.fmax.reduce(squares, axis=None, initial=0.0)))  # but for NaN
         change, rate = 0.0, 0.0
-        if len(self.time) > 1:
-            steps = np.diff(self.time)
+        if len(time) > 1:
+            steps = np.diff(time)
             change = float(np.nanmax(np.linalg.norm(np.diff(w, axis=0), axis=-1) / steps[:, None, None]))
             rate = math.pi / float(steps.min())
         met = (self.met > 0).astype(np.float64)
@@ -208,14 +207,14 @@ class GridArrays(NamedTuple):
 COMPILED[GridArrays] = Compiled(grid_velocity)
 
 
-def describe_unknown(grid: GridArrays, state: Array, v: int) -> str:
+def describe_unknown(flow: GridArrays, state: Array, v: int) -> str:
     """Return why the flow about vehicle v is not known, or an empty string."""
     x, y = state[v].tolist()
     if math.isnan(x + y):
         return ""
     at = f"({x:.6g}, {y:.6g}) m"
+    grid = flow.grid
     a, b = grid.turn @ (x, y)
     if grid.x[0] <= a <= grid.x[-1] and grid.y[0] <= b <= grid.y[-1]:
         return f"it ran aground at {at}: the file of the flow has land there, or no data"
-    box = Grid(grid.x, grid.y, grid.time, grid.velocity, grid.turn).box
-    return f"it left the file of the flow at {at}, which covers {box}"
+    return f"it left the file of the flow at {at}, which covers {grid.box}"

@@ -30,6 +30,7 @@ from scipy.spatial import cKDTree
 
 from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
+from mjsheaf.errors import and_others, with_verb
 from mjsheaf.errors import joined as in_words
 from mjsheaf.loop.system import Phase, System
 from mjsheaf.results.dataset import of_phase
@@ -149,9 +150,8 @@ def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
         return []
     first = stuck[0]
     name = system.team.agents[first.agent].id
-    verb = "is" if len(stuck) == 1 else "are"
     text = (
-        f"{_and_others(name, len(stuck) - 1)} {verb} stuck: commanded to move at {first.asked:.3g} m/s from "
+        f"{with_verb(name, len(stuck) - 1)} stuck: commanded to move at {first.asked:.3g} m/s from "
         f"t = {first.start:.6g} s to {first.end:.6g} s, {name} does not move ({first.error:.3g} m off): {first.reason}"
     )
     return [Note("stuck", text, name, first.start, first.error)]
@@ -205,7 +205,7 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
         v = int(fraction.argmax())
         count = int((fraction > MAX_LIMITED_FRACTION).sum())
         if count:
-            sentence = text.format(_and_others(ids[v], count - 1), fraction[v]).replace("%", " %")
+            sentence = text.format(and_others(ids[v], count - 1), fraction[v]).replace("%", " %")
             notes.append(Note(kind, sentence, ids[v], None, float(fraction[v])))
     excess = np.where(exceeded > 0.01 * np.maximum(present, 1), worst[0], 0.0)  # for more than a hundredth of the time
     if excess.any():
@@ -213,7 +213,7 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
         _, speed, possible, when = worst[:, v].tolist()
         what = "its vehicle reaches" if possible == own_speed[v] else "its velocity limit allows"
         text = (
-            f"the medium is faster than {_and_others(ids[v], int((excess > 0.0).sum()) - 1)} can move: {speed:.3g} m/s "
+            f"the medium is faster than {and_others(ids[v], int((excess > 0.0).sum()) - 1)} can move: {speed:.3g} m/s "
             f"around {ids[v]} at t = {when:.6g} s, where {what} {possible:.3g} m/s in its slowest direction"
         )
         notes.append(Note("medium", text, ids[v], when, speed))
@@ -252,9 +252,8 @@ def _about_the_surface(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Not
     name = members[v].id
     where = "under water" if system.bodies.surface == "water" else "in the ground"
     what = "an aircraft" if v < N else "a target in space"
-    verb = "goes" if under == 1 else "go"
     text = (
-        f"{_and_others(name, under - 1)} {verb} {where}: {name}, {what}, is below the surface from "
+        f"{with_verb(name, under - 1, 'goes', 'go')} {where}: {name}, {what}, is below the surface from "
         f"t = {first[v]:.6g} s on, by up to {depth[v]:.3g} m; the surface does not stop vehicles in space"
     )
     return [Note("submerged", text, name, float(first[v]), float(depth[v]))]
@@ -287,10 +286,6 @@ def _about_distances(system: System, dataset: xr.Dataset) -> list[Note]:
         "Contacts are off (physics.contacts: false), so vehicles do not collide"
     )
     return [Note("close", text, members[i].id, time, distance)]
-
-
-def _and_others(name: str, others: int) -> str:
-    return name + (f" and {others} other{'s' * (others > 1)}" if others else "")
 
 
 def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> dict[str, Any] | None:

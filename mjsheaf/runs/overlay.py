@@ -19,10 +19,10 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError, PlaceError, listed
 from mjsheaf.page import Ghost, page_of
+from mjsheaf.progress import Report, no_progress
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import engine_of, phases_in
 from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging, thin
-from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import OF_NONE, PER_AGENT_RMS, Finite, FiniteRecord, Norm
 from mjsheaf.show.plots import (
@@ -34,7 +34,6 @@ from mjsheaf.show.plots import (
     new_figure,
     plain,
     save_figure,
-    settle,
 )
 from mjsheaf.show.style import AS_USUAL, FigureOptions, line_style
 
@@ -299,7 +298,6 @@ def plot_runs(runs: Sequence[OpenRun], path: Path, options: FigureOptions = AS_U
     panels[-1].set_xlabel(f"time (s){below}")
     figure.align_ylabels(panels)
     legend_below(figure, panels[0].get_legend_handles_labels()[0], 2)
-    settle(figure)
     save_figure(figure, path, options)
 
 
@@ -331,7 +329,7 @@ def publish_runs(
     directories: Sequence[Path],
     out: Path | None,
     figures: FigureOptions = AS_USUAL,
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
 ) -> tuple[RunsRecord, Path, str | None]:
     """Compare finished runs and write runs.json, runs.csv, errors.png and report.html.
 
@@ -339,7 +337,7 @@ def publish_runs(
         directories: Directories of the runs; the others are compared with the first.
         out: Directory of the results; runs/SCENARIO-runs if None.
         figures: Formats and style of the plots.
-        progress: See `Progress`.
+        progress: See `Report`.
 
     Returns:
         The contents of runs.json, the directory, and a sentence about an earlier comparison that was replaced, if any.

@@ -8,7 +8,7 @@ import html
 import os
 import shlex
 import shutil
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -35,12 +35,12 @@ from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.page import bound_curves, page_of
-from mjsheaf.progress import shown
+from mjsheaf.progress import Report, no_progress, shown
 from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
 from mjsheaf.results.dataset import fault_of, in_pieces
 from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
 from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
-from mjsheaf.runs.simulate import Progress, no_progress, stream
+from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import map_vehicles, same_law
 from mjsheaf.scenario.slips import slips_of
@@ -151,16 +151,6 @@ class Timings:
         return {name: (before or {}).get(name, 0.0) + now.get(name, 0.0) for name in (before or {}) | now}
 
 
-def show_live(pieces: Iterable[xr.Dataset], make_sink: Callable[[], store.Sink]) -> Generator[xr.Dataset]:
-    """Yield the pieces of a run, each once a sink, which is made when the first one is asked for, has shown it."""
-    with closing(make_sink()) as sink:
-        for number, piece in enumerate(pieces):
-            if number == 0:
-                sink.open(piece.variables, piece.attrs)
-            sink.write(piece)
-            yield piece
-
-
 def execute(
     scenario: Scenario,
     backend: str,
@@ -174,7 +164,7 @@ def execute(
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
     exports: Sequence[str] = (),
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
 ) -> Outcome:
     """Run a scenario (see `simulate`) and publish its directory (see `publish`).
 
@@ -198,7 +188,7 @@ def execute(
     with ExitStack() as held:
         if "live" in exports:
             nothing = Path(os.devnull)
-            seen = show_live(pieces, partial(kinds["live"], nothing, scenario, phases, nothing))
+            seen = store.shown(pieces, (kinds["live"](nothing, scenario, phases, nothing) for _ in range(1)))
             held.enter_context(closing(seen))  # also if files cannot be written
             pieces = in_pieces(seen, samples_in_piece(phases[0].system))
         return publish(
@@ -217,7 +207,7 @@ def publish(
     origin: str | None = None,
     figures: FigureOptions = AS_USUAL,
     exports: Sequence[str] = (),
-    progress: Progress = no_progress,
+    progress: Report = no_progress,
     timings: Timings | None = None,
 ) -> Outcome:
     """Write the directory of a run atomically, and then draw its video into it.
@@ -269,7 +259,7 @@ def publish(
     return outcome if video is None else add_video(outcome, scenario, video, progress)
 
 
-def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progress: Progress = no_progress) -> Outcome:
+def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progress: Report = no_progress) -> Outcome:
     """Draw the video of a published run into its directory.
 
     The video appears when it is complete, and summary.json then names it. Until then, and after an interruption,
@@ -456,7 +446,7 @@ def _bounds_summary(theorem: RunBound, of_law: HeldBound) -> dict[str, Any]:
 
 
 def plot_again(
-    directory: Path, folder: Path, figures: FigureOptions = AS_USUAL, progress: Progress = no_progress
+    directory: Path, folder: Path, figures: FigureOptions = AS_USUAL, progress: Report = no_progress
 ) -> list[Path]:
     """Draw the plots of a finished run from its directory alone, into a folder that may be the same.
 
@@ -483,7 +473,7 @@ def _plots_of(
     drawn: xr.Dataset,
     bounds: Sequence[tuple[RunBound, HeldBound]],
     figures: FigureOptions,
-    progress: Progress,
+    progress: Report,
 ) -> dict[str, bytes]:
     """Draw the plots of a run, thinned to the visible detail; return the content of each file by its name."""
     files: dict[str, bytes] = {}
@@ -522,7 +512,7 @@ def draw_video(
     films: Callable[[], list[tuple[Film, mujoco.MjModel]]],
     path: Path,
     options: VideoOptions,
-    progress: Progress,
+    progress: Report,
     kept: str,
 ) -> tuple[int, str]:
     """Draw a video, or explain why there is none; a machine without OpenGL still writes the data.

@@ -18,13 +18,6 @@ from mjsheaf.results.dataset import in_pieces, make_datasets
 from mjsheaf.scenario import Scenario
 from mjsheaf.threads import usable_processors
 
-Progress = Callable[[str, int, int], None]
-"""Callback, called with the name of the activity, the steps done and the number of steps."""
-
-
-def no_progress(what: str, done: int, total: int) -> None:
-    """Ignore progress."""
-
 
 def simulate(
     scenario: Scenario,

@@ -33,10 +33,9 @@ import pyarrow as pa
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError, shortened
 from mjsheaf.files import digest, dump_yaml, figure_files, is_part_of, naming, parse_yaml, write_whole
-from mjsheaf.progress import shown
+from mjsheaf.progress import Report, no_progress, shown
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.results.store import enclosing_run, read_mapping, record_in
-from mjsheaf.runs.simulate import Progress, no_progress
 from mjsheaf.show.style import AS_USUAL, FigureOptions
 from mjsheaf.studies.plan import Plan
 from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, JobResult, Point, SchedulerError, Workers
@@ -319,7 +318,7 @@ def run_study(
     *,
     retry_failed: bool = False,
     figures: FigureOptions = AS_USUAL,
-    progress: Progress | bool | None = True,
+    progress: Report | bool | None = True,
 ) -> Study:
     """Simulate the missing runs of a study, and write its table, plots and page.
 
@@ -356,7 +355,7 @@ def _simulate(
     missing: list[Point],
     place: StudyDirectory,
     workers: Callable[[], AbstractContextManager[Workers]],
-    report: Progress,
+    report: Report,
 ) -> dict[int, dict[str, Any]]:
     """Simulate the missing runs of a study and save each one in its place; return their records by number."""
     records = {}

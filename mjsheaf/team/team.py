@@ -151,19 +151,21 @@ class Team:
 
     def changed(self, absent: Collection[str], is_active: Callable[[Edge], bool]) -> "Team":
         """Return the same agents and targets, some of them absent, with the edges for which `is_active` is true."""
+        return self._with_measuring(
+            lambda edges: [e for e in edges if not {e.tail, e.head} & set(absent) and is_active(e)], absent
+        )
 
-        def kept(edges: Iterable[Edge]) -> list[Edge]:
-            return [e for e in edges if not {e.tail, e.head} & set(absent) and is_active(e)]
-
+    def _with_measuring(self, change: Callable[[Sequence[Edge]], list[Edge]], absent: Collection[str]) -> "Team":
+        """Return the team with other agents absent, and with what `change` makes of each kind of measuring edges."""
         return Team(
             self.agents,
             self.targets,
-            kept(self.communication),
-            kept(self.sensing),
+            change(self.communication),
+            change(self.sensing),
             self.target_edges,
             self.formations,
             self.target_formation,
-            kept(self.anchors),
+            change(self.anchors),
             absent,
         )
 
@@ -419,21 +421,7 @@ class Team:
 
     def with_edges(self, changed: Mapping[int, Edge]) -> "Team":
         """Return the team with other measuring edges, by the `id()` of those that they replace."""
-
-        def exchange(edges: Iterable[Edge]) -> list[Edge]:
-            return [changed[id(e)] for e in edges]
-
-        return Team(
-            self.agents,
-            self.targets,
-            exchange(self.communication),
-            exchange(self.sensing),
-            self.target_edges,
-            self.formations,
-            self.target_formation,
-            exchange(self.anchors),
-            self.absent,
-        )
+        return self._with_measuring(lambda edges: [changed[id(e)] for e in edges], self.absent)
 
     def linearised_about(self, positions: Array) -> "Team":
         """Return the team linearised at q* of the targets in padded positions (V, 3), m, near the agents in them.

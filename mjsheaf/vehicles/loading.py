@@ -205,8 +205,8 @@ def load_vehicle(source: str, directory: Path | None = None) -> Vehicle:
 def _load(path: Path) -> Vehicle:
     description = read_description(path)
     mjcf = path.parent / description.mjcf
-    model, left_out = _compile(mjcf)
-    return replace(_from_model(path.stem, description, mjcf, model), left_out=left_out)
+    model, data, left_out = _compile(mjcf)
+    return replace(_from_model(path.stem, description, mjcf, model, data), left_out=left_out)
 
 
 @cache
@@ -243,9 +243,7 @@ def propose_description(path: Path, name: str) -> str:
         InputError: The file is not valid, or refers to files outside its directory.
     """
     files_of(path, path.name)
-    model, left_out = _compile(path)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    model, data, left_out = _compile(path)
     size, thrusters = _size(model, data), _actuators(path, model, data, {})
     mass, _, inertia = mass_properties(model, data, slice(None))
     W = np.array([thruster.wrench for thruster in thrusters]).reshape(-1, 6)
@@ -466,8 +464,8 @@ def _take_gravity(spec: mujoco.MjSpec) -> list[str]:
     return [f"option {', '.join(names)}{of_drag}"] if names else []
 
 
-def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
-    """Compile a vehicle's file alone; also return the names of omitted elements, as `read_spec` does."""
+def _compile(path: Path) -> tuple[mujoco.MjModel, mujoco.MjData, tuple[str, ...]]:
+    """Compile a vehicle's file alone; return it as it begins, and the names of what `read_spec` leaves out."""
     spec, left_out = read_spec(path)
     with refusing(str(path)):
         spec.compiler.fusestatic = False  # fusing would merge the vehicle into the world, which has no mass
@@ -481,14 +479,20 @@ def _compile(path: Path) -> tuple[mujoco.MjModel, tuple[str, ...]]:
             )
     if not model.body_mass.sum() > 0.0:
         raise InputError(f"{path}: its mass is 0 kg; expected a positive one")
-    return model, left_out
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data, left_out
 
 
 def _from_model(
-    name: str, description: VehicleDescription, path: Path, model: mujoco.MjModel, *, heaviest: float = 1e12
+    name: str,
+    description: VehicleDescription,
+    path: Path,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    *,
+    heaviest: float = 1e12,
 ) -> Vehicle:
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
     mass, centre, inertia = mass_properties(model, data, slice(None))
     about_centre = inertia - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     movable = mass <= heaviest and np.isfinite(inertia).all()

@@ -339,15 +339,13 @@ class Capability:
     Attributes:
         forward_thrust: Maximum thrust along x in addition to the trim, N.
         forward_speed: Maximum speed along x through the medium, m/s.
-        least_thrust: Maximum thrust in the weakest horizontal direction, N; the forward thrust of a boat at its hand
-            point, which turns first.
-        least_speed: Maximum speed through the medium in the slowest horizontal direction, m/s.
+        least_speed: Maximum speed through the medium in the slowest horizontal direction, m/s; the forward speed of a
+            boat at its hand point, which turns first.
         top_speed: Maximum speed through the medium in the fastest horizontal direction, m/s.
     """
 
     forward_thrust: float
     forward_speed: float
-    least_thrust: float
     least_speed: float
     top_speed: float
 
@@ -395,9 +393,7 @@ class Vehicle(Body):
         directions = self.steering.directions
         thrust = np.array([self.steering.largest_force(self, d) for d in directions])
         speed = np.array([self._steady_speed(d, F) for d, F in zip(directions, thrust, strict=True)])
-        return Capability(
-            float(thrust[0]), float(speed[0]), float(thrust.min()), float(speed.min()), float(speed.max())
-        )
+        return Capability(float(thrust[0]), float(speed[0]), float(speed.min()), float(speed.max()))
 
     def _steady_speed(self, direction: Array, thrust: float) -> float:
         """Solve D v + Q v^2 = F for the steady speed along a unit vector of the body's plane, m/s."""
@@ -471,9 +467,13 @@ class ReducedModel:
         wamv_azimuth at rest took 1.20 times as long; steps of an Otter differ by 3 to 7 %. `compare` measures the
         delay.
         """
+        return self.tau_with(self.vehicle.steering.delays(self.vehicle))
+
+    def tau_with(self, delays: Array | float) -> Array:
+        """Return tau for other delays l of the force, s; 0 leaves that of inertia, M / (M k_v + D)."""
         v, rows = self.vehicle, self.vehicle.steering.velocity_rows[: self.vehicle.dimension]
         mass, drag = v.moving_mass[rows], np.concatenate([v.drag, v.angular_drag])[rows]
-        return np.asarray((mass + v.steering.delays(v) * drag) / (mass * v.rate + drag))
+        return np.asarray((mass + delays * drag) / (mass * v.rate + drag))
 
     def f(self, w: Array) -> Array:
         """Compute the drift of a vehicle in a medium that moves at w (3,), shape (n,), m/s."""

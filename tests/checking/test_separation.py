@@ -10,7 +10,7 @@ import yaml
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.checking import examine
-from mjsheaf.checking.separation import SafetyRecord
+from mjsheaf.checking.separation import SafetyRecord, Standoff
 from tests.builders import known, list_members, make_fields, require
 from tests.commands import answer_of
 from tests.running import analyse
@@ -30,6 +30,11 @@ def escort(**safety: Any) -> dict[str, Any]:
         formations=[{"name": "pair", **abeam}],
         safety={"distance": 2.0, **safety},
     )
+
+
+def lasting(standoffs: list[Standoff]) -> list[Standoff]:
+    """Return those that are larger than the formation at most samples, so that it cannot be reached."""
+    return [one for one in standoffs if one.lasts]
 
 
 PIER = {"kind": "sphere", "id": "pier", "centre": [0.0, 6.0], "radius": 0.5}
@@ -217,7 +222,7 @@ def final_distance(raw: dict[str, Any], other: str) -> float:
 def test_agents_stop_at_the_standoff_and_reach_their_places_at_the_rate_that_suffices(
     raw: dict[str, Any], other: str, s: float
 ) -> None:
-    (found,) = record_of(raw).out_of_reach()
+    (found,) = lasting(record_of(raw).standoff)
     assert found.pair == ["A", other]
     assert found.desired == pytest.approx(3.0, abs=1e-3)
     assert found.kept == pytest.approx(s + np.hypot(s, 2.0), rel=0.01)
@@ -230,7 +235,7 @@ def test_agents_stop_at_the_standoff_and_reach_their_places_at_the_rate_that_suf
 
 
 def test_upstream_nothing_is_out_of_reach() -> None:
-    assert record_of(in_flow((-3.0, 0.0))).out_of_reach() == []
+    assert lasting(record_of(in_flow((-3.0, 0.0))).standoff) == []
     assert final_distance(in_flow((-3.0, 0.0)), "T") == pytest.approx(3.0, abs=0.1)
 
 
@@ -238,7 +243,7 @@ def test_no_rate_suffices_beyond_one_over_the_control_period() -> None:
     """At 0.5 s it is 2 1/s at most, and 2.4 1/s would be needed."""
     raw = in_flow((3.0, 0.0), controller={"gain": 1.0, "control_period": 0.5, "velocity_limit": 20.0})
     raw["targets"][0]["motion"]["pull"] = 1.0
-    (found,) = record_of(raw).out_of_reach()
+    (found,) = lasting(record_of(raw).standoff)
     assert found.rate is None
 
 
@@ -247,7 +252,7 @@ def test_bodies_keep_more_and_what_is_unsafe_is_not_listed_again() -> None:
     raw = in_flow((3.0, 0.0))
     raw["agents"][0] |= {"vehicle": "otter", "velocity_limit": 3.0}
     found = record_of(raw)
-    (on_bodies,) = found.out_of_reach(on_bodies=True)
+    (on_bodies,) = lasting(found.standoff_on_bodies)
     assert on_bodies.rate is None  # the distance and its stopping distance are more than 3 m
     assert on_bodies.kept > found.standoff[0].kept + 1.0
     near = record_of(in_flow((1.5, 0.0)))

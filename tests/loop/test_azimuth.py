@@ -34,6 +34,7 @@ from tests.builders import (
     attitude,
     body,
     find,
+    least_thrust,
     place,
     pursuit,
     setting,
@@ -111,11 +112,11 @@ def test_its_reduced_model() -> None:
 
 def test_what_it_can_push() -> None:
     """Ahead both in full. Abeam Y: half of it each, and +-x with 2 x 1.0271 = 2.3738 Y against the yaw."""
-    found = load_vehicle(NAME).capability
-    assert found.forward_thrust == pytest.approx(2 * PUSH, rel=1e-9)
-    assert found.least_thrust == pytest.approx(PUSH / np.hypot(0.5, 2.3738 / 2 / 1.0271), rel=2e-3)
+    vehicle = load_vehicle(NAME)
+    assert vehicle.capability.forward_thrust == pytest.approx(2 * PUSH, rel=1e-9)
+    assert least_thrust(vehicle) == pytest.approx(PUSH / np.hypot(0.5, 2.3738 / 2 / 1.0271), rel=2e-3)
     free = embody(load_vehicle(NAME), Effects(limits=False))
-    assert free.capability.least_thrust == np.inf
+    assert least_thrust(free) == np.inf
 
 
 def turner(low: float, high: float, weakest: float = -1.0) -> AzimuthThruster:

@@ -366,7 +366,7 @@ def _pieces_of(parts: Parts) -> tuple[Parts, Parts]:
         elif isinstance(part, WaveArrays):
             shared.append(part._replace(met=np.where(part.met == 1, 1, 0)))
             others.append(part._replace(met=np.where(part.met == 1, 0, part.met)))
-        elif isinstance(part, GridArrays) and np.isfinite(part.velocity).all():
+        elif isinstance(part, GridArrays) and np.isfinite(part.grid.velocity).all():
             shared.append(part)
         else:
             others.append(part)
