@@ -23,6 +23,7 @@ from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import load_scenario, scenario_from_mapping
 from tests.builders import pursuit
+from tests.strategies import long
 
 LATITUDE, LONGITUDE = 43.0, 7.0
 U, V = 0.3, -0.1
@@ -296,7 +297,7 @@ OF_NO_EFFECT = {
 """Attributes that nothing reads, but for `comment`."""
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.long] * (n in OF_NO_EFFECT)) for n in ATTRIBUTES])
+@pytest.mark.parametrize("name", [long(name) if name in OF_NO_EFFECT else name for name in ATTRIBUTES])
 def test_every_attribute_of_cf_is_read_refused_or_without_effect(name: str, place: Path) -> None:
     edit, wanted = ATTRIBUTES[name]
     if wanted != "hole":
