@@ -91,6 +91,18 @@ def without_plots(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python carries out runs on ideal kinematics.
+
+    A few periods of a loop that no other test has take less than compiling it.
+    """
+    from mjsheaf.compile.tiers import Tiered
+    from mjsheaf.loop import ideal
+
+    monkeypatch.setattr(ideal, "_run", Tiered(ideal._run, seconds=1e3, numbers=float("inf"), records=True))
+
+
+@pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> "list[Figure]":
     """The figures that are written meanwhile, in place of their files."""
     figures: list[Figure] = []

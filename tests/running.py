@@ -9,7 +9,9 @@ import xarray as xr
 
 import mjsheaf
 from mjsheaf.arrays import Array
+from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller, Law
+from mjsheaf.law.law import evaluate_law
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import Phase, System
@@ -17,6 +19,9 @@ from mjsheaf.scenario import Scenario
 
 Run = System | Sequence[Phase]
 Progress = Callable[[int, int], None]
+
+sample_law = Tiered(evaluate_law, seconds=1e3, numbers=np.inf, records=True)
+"""`evaluate_law` in Python: some samples of terms over links take less than compiling it, which runs do."""
 
 
 def run_ideal(

@@ -344,10 +344,7 @@ class Ideal(Engine):
             self._x[len(self._x) - len(placed) :] = placed
 
     def _evaluate_law(self) -> None:
-        if self._integrator.station.holds.any():  # whose commands are not the law's
-            self._record_now(self._unrecorded)
-        else:
-            evaluate_law(self._control, self.time, self._x, None, self.memory)
+        self._record_now(self._unrecorded)  # by the loop: nothing else has to be compiled
 
     def _record_now(self, recorder: Recorder) -> None:
         self._integrate(self.steps_taken, 1, recorder, advance=False)

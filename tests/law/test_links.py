@@ -23,7 +23,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.law.edges import linked_edges
 from mjsheaf.law.in_python import PerAgent
-from mjsheaf.law.law import carry, evaluate_law, look, new_memory
+from mjsheaf.law.law import carry, look, new_memory
 from mjsheaf.loop.system import Phase
 from mjsheaf.noise import LARGEST_NORMAL, normal_of, stream_of, uniforms
 from mjsheaf.results.store import dataset_bytes
@@ -33,6 +33,7 @@ from mjsheaf.team import Edge
 from mjsheaf.team.links import Exact, Link, LinkModel, Links
 from tests.builders import mixed_scenario, positions_of, team_of, two_boats
 from tests.oracles.law import PaperLaw, disagreement, measurement
+from tests.running import sample_law
 
 Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")
@@ -294,7 +295,7 @@ def test_feedforward_knows_the_velocity_of_a_target_from_two_old_samples(lossy: 
     for n in range(80):
         for _ in range(2):  # a sample may be taken again
             look(float(n), memory.held, memory.kept)
-            evaluate_law(system.control, n * H, x, None, memory)
+            sample_law(system.control, n * H, x, None, memory)
         count += memory.links.heard == 2.0
         for k, target in enumerate((1, 0, 0)):
             found = memory.terms.rate[first[k] : first[k + 1]]
@@ -351,7 +352,7 @@ def test_samples_that_were_never_taken_do_not_arrive() -> None:
     system = mixed_scenario(links={"all": {"delay": 0.03}}).system
     memory, heard = new_memory(system.law, 5), {}
     for n in [*range(10), *range(12, 20), *range(100, 106), 3, 4]:
-        evaluate_law(system.control, n * H, system.initial, None, memory)
+        sample_law(system.control, n * H, system.initial, None, memory)
         heard[n] = memory.links.heard.tolist() == [2.0] * 5
     silent = {0, 1, 2, 13, 14, 100, 101, 102, 3, 4}
     assert {n for n, arrives in heard.items() if not arrives} == silent
@@ -467,7 +468,7 @@ def test_nothing_from_before_arrives_over_a_link_that_is_back(how: dict[str, Any
         if phase is not now:
             memory, now = carry(memory, now.law, phase.law, n), phase
         x = now.initial + n * H * np.array([1.0, 0.5, 0.0])
-        evaluate_law(now.control, n * H, x, None, memory)
+        sample_law(now.control, n * H, x, None, memory)
         if n >= 23:
             rows = slice(*now.law.edges.first[len(now.team.communication) + 2 :][:2])
             assert (np.abs(memory.terms.rate[rows]).max() > 0.0) == (n > 28)
@@ -490,7 +491,7 @@ def test_a_term_that_begins_later_changes_nothing_of_what_is_heard() -> None:
         memory = carry(memory, first.law, now.law, n) if n == 20 else memory
         for _ in range(2):
             look(float(n), memory.held, memory.kept)
-            evaluate_law(now.control, n * H, x, None, memory)
+            sample_law(now.control, n * H, x, None, memory)
         for k, target in enumerate((1, 0)):
             begin, end = now.law.edges.first[2 + k : 4 + k]
             found = memory.terms.rate[begin:end]
@@ -515,7 +516,7 @@ def test_one_who_comes_back_has_forgotten_where_the_team_goes() -> None:
             memory = carry(memory, phases[(n >= 20) + (n >= 30) - 1].law, now.law, n)
             assert not memory.terms.v[0].any()
             assert memory.terms.v[1:].any()
-        evaluate_law(now.control, n * H, x, None, memory)
+        sample_law(now.control, n * H, x, None, memory)
         speed.append(np.abs(memory.terms.v[0]).max())
         x[3:] += [0.04, 0.01, 0.0]
     assert (np.array(speed) > 0.0).tolist() == [False] + [True] * 19 + [False] * 10 + [True] * 10

@@ -21,6 +21,7 @@ from mjsheaf.results import dataset_bytes
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, mixed_scenario, team_of
 from tests.law.test_terms import ALL, FEEDFORWARD, MOVING, NEWTON, Array, long_team, unlike_team
+from tests.running import sample_law
 
 BACKENDS = ("ideal", "physics")
 BURSTS = {"kind": "gilbert_elliott", "to_bad": 0.2, "to_good": 0.3, "loss_good": 0.05, "loss_bad": 0.9}
@@ -113,7 +114,7 @@ def wander(scenario: Scenario, T: int, each: Callable[[int, Array, Memory], None
     for n in range(T):
         for _ in range(2):
             look(float(n), memory.held, memory.kept)
-            evaluate_law(system.control, n * H, x, None, memory)
+            sample_law(system.control, n * H, x, None, memory)
         each(n, x, memory)
         x += rng.normal(0, 1, x.shape) * step * (np.arange(3) < dimension[:, None])
     return memory
@@ -247,7 +248,7 @@ def test_nothing_from_before_arrives_over_a_restored_link() -> None:
         now = phases[(n >= 10) + (n >= 13)]
         if now is not system:
             memory, system = carry(memory, system.law, now.law, n), now
-        evaluate_law(system.control, n * H, x, None, memory)
+        sample_law(system.control, n * H, x, None, memory)
         sent = (memory.terms.rounds.arrived[0, 0] > 0.0).tolist()  # of newton, by tails
         stays = n >= 5
         assert sent == ([stays] if 10 <= n < 13 else [stays if n < 10 else n >= 18, stays])

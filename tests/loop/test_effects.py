@@ -127,10 +127,10 @@ def test_without_the_drag_law_thrust_grows_with_speed(name: str, D: float) -> No
     """At a steady 2 m/s: D v + Q v^2 of the whole law, D v without it; the vehicle is as fast with either."""
     Q = {"wamv": 150.0, "hexarotor": 0.1}[name]
     for drag_law, force in ((True, 2 * D + 4 * Q), (False, 2 * D)):
-        world = alone(name, drag_law=drag_law)
+        world = alone(name, drag_law=drag_law, timestep=0.005)
         vehicle, _, dof, thrusters = body(world)
         ask(world, [2.0, 0.0, 0.0][: vehicle.dimension])
-        world.step(20_000)
+        world.step(4_000)
         assert world.data.qvel[dof][0] == pytest.approx(2.0, abs=1e-4)
         assert (vehicle.W @ world.data.ctrl[thrusters])[0] == pytest.approx(force, rel=1e-4)
 
@@ -312,7 +312,7 @@ def test_without_limits_there_is_no_bound(name: str) -> None:
 def test_the_simulation_is_as_fast_ahead_as_was_said(name: str) -> None:
     """With a command of twice that speed, it settles within 2 % of it."""
     speed = load_vehicle(name).capability.forward_speed
-    world = alone(name)
+    world = alone(name, timestep=0.005)
     ask(world, [2 * speed, 0, 0][: world.arena.vehicles[0].dimension])
-    world.step(40_000)
+    world.step(8_000)
     assert world.data.qvel[body(world)[2]][0] == pytest.approx(speed, rel=0.02)

@@ -25,7 +25,7 @@ from mjsheaf.loop import block
 from mjsheaf.loop.block import advance_lanes
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.engine import Log, new_log
-from mjsheaf.loop.fused import Fused, advance_block
+from mjsheaf.loop.fused import Fused, advance
 from mjsheaf.loop.loop import NEVER
 from mjsheaf.loop.mujoco_engine import apply_forces
 from mjsheaf.loop.system import on_engine
@@ -116,8 +116,8 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
     mass = np.array([vehicle.mass for vehicle in vehicles])
     least = np.array([np.linalg.eigvalsh(v.turning_inertia - np.diag(v.added_mass[3:]))[0] for v in vehicles])
     lever = np.array([np.linalg.norm(v.centre_of_mass) for v in vehicles])
-    nothing = Log(*(np.empty((0,) * values.ndim) for values in fused._unrecorded.log[:-1]))
     for k in range(count):
+        step = 10 * k + 1  # at which the law is not evaluated
         q, w = ours.qpos.reshape(V, 7), ours.qvel.reshape(V, 6)
         q[:, :3], q[:, 3:] = rng.uniform(-9, 9, (V, 3)), Rotation.random(V, random_state=rng).as_quat()
         if k % 2:  # nearly level too, as vehicles mostly are
@@ -129,9 +129,11 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
         theirs.qpos[:], theirs.qvel[:], theirs.act[:] = ours.qpos, ours.qvel, ours.act
         theirs.memory.command[:] = ours.memory.command
         before = w.copy()
-        apply_forces(world._loop, world._arrays, of_world.start + k * h)
+        apply_forces(world._loop, world._arrays, of_world.start + step * h)
         mujoco.mj_step(world.model, world.data)
-        assert advance_block(fused._loop, fused._rigid, 0, V, k, 1, nothing, -1, fused._bad)
+        ours.steps[0] = step
+        advance(*fused.compiled, 1, fused._unrecorded, fused._bad)
+        assert (fused._bad == NEVER).all()
         np.testing.assert_array_equal(ours.ctrl, theirs.ctrl)
         pushes = np.abs(world.data.actuator_force[:, None] * world.model.actuator_gear)
         pushed = np.add.reduceat(pushes, world.arena.thruster[:-1]) + np.abs(world.data.qfrc_applied.reshape(V, 6))
@@ -206,8 +208,10 @@ def test_a_vehicle_in_lanes_moves_as_it_does_alone(components: int, tmp_path: Pa
     scenario = of_vehicles(of_lanes(tmp_path), 0.01, components)
     together, alone = Fused(scenario.phases), Fused(scenario.phases)
     V = len(together._vehicles)
-    nothing = Log(*(np.empty((0,) * values.ndim) for values in together._unrecorded.log[:-1]))
-    ours, theirs = together._loop.state, alone._loop.state
+    loop, rigid = alone.compiled
+    one_by_one = loop.params.fleet._replace(blocks=np.arange(V + 1))
+    loop = loop._replace(params=loop.params._replace(fleet=one_by_one))
+    ours, theirs = together._loop.state, loop.state
     compared = 0
     for k in range(40):
         q, w = ours.qpos.reshape(V, 7), ours.qvel.reshape(V, 6)
@@ -224,13 +228,14 @@ def test_a_vehicle_in_lanes_moves_as_it_does_alone(components: int, tmp_path: Pa
         for name in ("qpos", "qvel", "ctrl", "act"):
             getattr(theirs, name)[:] = getattr(ours, name)
         theirs.memory.command[:] = ours.memory.command
-        together._bad[:] = alone._bad[:] = -1
-        good = advance_block(together._loop, together._rigid, 0, V, 5 * k, 5, nothing, -1, together._bad)
-        for v in range(V):
-            advance_block(alone._loop, alone._rigid, v, v + 1, 5 * k, 5, nothing, -1, alone._bad)
-        found = together._bad >= 0
+        together._bad[:] = alone._bad[:] = NEVER
+        ours.steps[0] = theirs.steps[0] = 10 * k + 1  # the law is not evaluated in the next 5
+        advance(*together.compiled, 5, together._unrecorded, together._bad)
+        advance(loop, rigid, 5, alone._unrecorded, alone._bad)
+        found = together._bad != NEVER
+        good = not found.any()
         assert worse <= found.any()
-        assert good == (not found.any()) == (alone._bad < 0).all()
+        assert good == (alone._bad == NEVER).all()
         compared += good
         np.testing.assert_array_equal(together._bad[found], alone._bad[found])
         if good:  # where one is bad, its neighbours stop with it

@@ -29,6 +29,7 @@ from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import DATA, Array, pursuit
 from tests.commands import call
+from tests.strategies import tried
 
 SKIFF, AIRBOAT = DATA / "skiff.yaml", DATA / "airboat.yaml"
 RUDDER = Path("otter_rudder")  # a name in models/
@@ -87,7 +88,7 @@ wrenches = st.tuples(*[st.floats(-500.0, 500.0)] * 3).map(np.array)
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=tried(300, 60))
 @given(places=sets, wanted=wrenches)
 def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_the_yaw_moment(
     places: Any, wanted: Array
@@ -110,7 +111,7 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
 
 
 @pytest.mark.slow
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=tried(300, 60))
 @given(places=sets, share=shares)
 @example(  # a corner, with all thrusters at a limit, which few rounds missed by 0.7 % of what the thrusters make
     places=[
@@ -204,7 +205,6 @@ def test_a_weak_side_counts_as_none_below_a_tenth(low: float, one_sided: bool, t
     assert bool(authority_of(vehicle).lacking) is one_sided
 
 
-@settings(max_examples=40, deadline=None)
 @given(places=sets)
 def test_reach_is_as_far_as_efforts_go(places: Any) -> None:
     """Efforts make a little less along each direction, and no more."""
@@ -350,18 +350,3 @@ def test_a_table_names_them(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     assert "ahead only" in out
     assert "both ways" in out
-
-
-def test_a_wrench_at_a_corner_of_what_is_feasible_is_made() -> None:
-    """All thrusters at a limit: a case that few rounds missed by 0.7 % of what the thrusters make."""
-    places = [
-        (0.75, -1.5, 240.0, -5.0, 50.0),
-        (1.0, 0.25, 105.0, -5.0, 100.0),
-        (1.25, -0.5, 210.0, -40.0, 100.0),
-        (1.25, -1.0, 270.0, -100.0, 100.0),
-    ]
-    vehicle = with_thrusters(places)
-    W, (low, high) = vehicle.W[[0, 1, 5]], vehicle.effort_bounds.T
-    corner = np.array([50.0, 100.0, -40.0, 100.0])
-    effort = allocate(vehicle, W @ corner)
-    assert (np.abs(W @ (effort - corner)) <= 1e-3 * np.abs(W) @ np.maximum(-low, high)).all()

@@ -144,7 +144,7 @@ def test_the_harmonic_extension_does_not_depend_on_the_pieces(kind: tuple[str, s
             np.testing.assert_array_equal(found, whole[name].values, err_msg=f"{name} in pieces of {samples}")
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_the_harmonic_extension_of_a_live_session_is_that_of_the_run(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scenario = load_scenario(TWO_PLACES)

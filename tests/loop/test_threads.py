@@ -138,7 +138,7 @@ def test_steps_are_counted_that_were_taken_before_ctrl_c(backend: str, engine: s
         np.testing.assert_array_equal(run.engine.positions(), other.engine.positions())
 
 
-def test_an_interrupted_run_leaves_no_thread_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_leaves_no_thread_behind() -> None:
     before = threading.active_count()
 
     def interrupted(done: int, of: int) -> None:
@@ -157,9 +157,8 @@ def test_contacts_are_simulated_whatever_threads_are_allowed() -> None:
     assert bits(simulate(touching, threads=2)) == bits(simulate(touching, threads=1))
 
 
-def test_a_run_goes_on_after_its_threads_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_goes_on_after_its_threads_have_ended() -> None:
     """On one thread, to the same bits."""
-    monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 1)
     scenario = load_scenario("swarm", SWARM)
     found = []
     for close in (False, True):

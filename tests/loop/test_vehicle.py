@@ -302,7 +302,7 @@ def test_a_vehicle_that_all_runs_share_cannot_be_written_into() -> None:
 
 SCENARIO = {
     "name": "rafts",
-    "time": {"end": 40.0},
+    "time": {"end": 20.0},
     "controller": {"gain": 0.4, "control_period": 0.05},
     "agents": [{"id": "one", "position": [-3, 1], "heading": 30}, {"id": "two", "position": [-1, -3]}],
     "targets": [

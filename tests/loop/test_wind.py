@@ -119,29 +119,20 @@ def drifted(given: Scenario, engine: str) -> tuple[Array, Array]:
     return run.log.velocity[-1, hulls, :2], np.arctan2(2 * (b * c + a * d), 1 - 2 * (c**2 + d**2))
 
 
-def assert_balanced(hull: str, engine: str, headings: Array, current: Array) -> None:
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("hull", HULLS)
+@pytest.mark.parametrize("at", [pytest.param(range(12), marks=pytest.mark.long), (1, 5)], ids=["every", "two"])
+def test_drift_without_thrust_is_the_balance_of_forces(at: Sequence[int], hull: str, engine: str) -> None:
+    """From these headings, in a current."""
     wind = SPEED * turned(0.3, np.array([1.0, 0.0]))
-    at = np.degrees(0.3) + headings
-    velocities, ends = drifted(scenario(hull, wind, current, at), engine)
+    headings = np.degrees(0.3) + HEADINGS[list(at)]
+    velocities, ends = drifted(scenario(hull, wind, CURRENT, headings), engine)
     vehicle = load_vehicle(hull)
     for velocity, end in zip(velocities, ends, strict=True):
-        vx, vy, heading = steady_drift(vehicle, wind, current, velocity, end)
-        assert np.linalg.norm(velocity - [vx, vy]) < 0.01 * np.linalg.norm([vx - current[0], vy - current[1]])
+        vx, vy, heading = steady_drift(vehicle, wind, CURRENT, velocity, end)
+        assert np.linalg.norm(velocity - [vx, vy]) < 0.01 * np.linalg.norm([vx, vy] - CURRENT)
         assert abs(heading - end) < np.radians(1.0)
-        assert np.linalg.norm(velocity - current) > 0.02 * SPEED  # the wind drives it
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("hull", HULLS)
-def test_drift_without_thrust_is_the_balance_of_forces(hull: str, engine: str) -> None:
-    assert_balanced(hull, engine, HEADINGS[[1, 5]], np.zeros(2))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("hull", HULLS)
-def test_drift_from_every_heading_in_a_current(hull: str, engine: str) -> None:
-    assert_balanced(hull, engine, HEADINGS, CURRENT)
+        assert np.linalg.norm(velocity - CURRENT) > 0.02 * SPEED  # the wind drives it
 
 
 @pytest.mark.parametrize("hull", HULLS)

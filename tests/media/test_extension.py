@@ -14,11 +14,12 @@ from pydantic import Field
 from mjsheaf import load_scenario
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import inline_jit
-from mjsheaf.loop.session import engine_of
+from mjsheaf.loop.system import System
 from mjsheaf.media import FlowField
 from mjsheaf.media.medium import moving_along
 from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving
 from mjsheaf.section import Number, Positive
+from tests.running import run_ideal
 
 
 class Eddy(Moving):
@@ -56,19 +57,37 @@ class Stirred(FlowField):
     eddy: Eddy = Field(description="the vortex")
 
 
-@pytest.mark.slow
-def test_a_medium_of_ones_own_carries_the_agents_that_meet_it_within_its_bound() -> None:
-    system = load_scenario("steady_current", {"time.end": 0.5}).system
+@pytest.fixture
+def system() -> System:
+    """A team in a current and in the vortex."""
+    own = load_scenario("steady_current", {"time.end": 0.5}).system
     stirred = Stirred(dimension=2, drift=[0.4, 0.3], eddy=Eddy(rate=0.3, radius=9.0))
-    changed = replace(system, flows=[stirred, *system.flows[1:]])
+    return replace(own, flows=[stirred, *own.flows[1:]])
+
+
+def turned(places: Array) -> Array:
+    """Return the vortex's velocity at places of shape (..., 3), m/s."""
+    square = (places[..., :2] ** 2).sum(axis=-1, keepdims=True) / 81.0
+    return 0.3 * np.maximum(1.0 - square, 0.0) * places[..., [1, 0]] * [-1.0, 1.0]
+
+
+def test_a_medium_of_ones_own_moves_within_its_bound(system: System) -> None:
     N, V = len(system.team.agents), len(system.planar)
     points = np.random.default_rng(0).uniform(-10.0, 10.0, (50, V, 3))
-    square = (points[:, :N, :2] ** 2).sum(axis=2, keepdims=True) / 81.0
-    turned = 0.3 * np.maximum(1.0 - square, 0.0) * np.stack([-points[:, :N, 1], points[:, :N, 0]], axis=2)
-    w = moving_along(changed.medium, np.zeros(50), points)
-    np.testing.assert_allclose(w[:, :N, :2], turned, rtol=1e-12, atol=1e-14)
+    w = moving_along(system.medium, np.zeros(50), points)
+    np.testing.assert_allclose(w[:, :N, :2], turned(points[:, :N]), rtol=1e-12, atol=1e-14)
     assert not w[:, N:].any()
-    assert (np.linalg.norm(w, axis=2) <= changed.largest_disturbance * (1.0 + 1e-12)).all()
-    assert np.linalg.norm(w[:, :N], axis=2).max() > 0.9 * changed.largest_disturbance[0]
-    with engine_of(system, "ideal") as plain, engine_of(changed, "ideal") as run:
-        assert np.abs(run.run().positions[-1, :N] - plain.run().positions[-1, :N]).max() > 0.01
+    assert (np.linalg.norm(w, axis=2) <= system.largest_disturbance * (1.0 + 1e-12)).all()
+    assert np.linalg.norm(w[:, :N], axis=2).max() > 0.9 * system.largest_disturbance[0]
+
+
+@pytest.mark.parametrize("how", ["in_python", pytest.param("compiled", marks=pytest.mark.long)])
+def test_a_medium_of_ones_own_carries_the_agents_that_meet_it(
+    how: str, system: System, request: pytest.FixtureRequest
+) -> None:
+    if how == "in_python":
+        request.getfixturevalue(how)
+    log, N = run_ideal(system).log, len(system.team.agents)
+    whirl = turned(log.positions[:, :N])
+    np.testing.assert_allclose(log.medium[:, :N, :2] - [0.4, 0.3], whirl, rtol=0, atol=1e-12)
+    assert np.abs(whirl).max() > 0.1
