@@ -34,7 +34,7 @@ WITHIN = 0.03  # of the largest gain: where a simulation must have begun to grow
 
 
 def chain(
-    vehicles: list[str], drift: list[float] | None = None, period: float = 0.02, headings: Any = (), **terms: Any
+    vehicles: list[str], drift: list[float] | None = None, /, period: float = 0.02, headings: Any = (), **terms: Any
 ) -> dict[str, Any]:
     """A chain of vehicles, both ends of which see a static target, in a uniform flow, under a law with terms."""
     planar, timestep = set(vehicles) <= PLANAR, 0.002 if {"hull", "aerial", "submersible"} & set(vehicles) else 0.005

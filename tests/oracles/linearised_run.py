@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import matrix_balance
 
 from mjsheaf import Session
 from mjsheaf.law import disagreement
@@ -23,7 +24,8 @@ STEP = 1e-6
 """Motion of a state, in its unit."""
 
 _NEGLIGIBLE = 1e-8  # of a difference quotient that rounding makes
-_AT_REST = 1e-6  # of a mode: positions that move less do not take part in it
+_AT_REST = 1e-6  # of the mode that moves positions most: in one that moves them less, they do not take part
+_NEUTRAL = 1e-7  # differences tell a factor from 1 by this
 
 
 def spectral_radii(scenario: Scenario, backend: str, settling: float, *changed: Scenario) -> list[float]:
@@ -35,14 +37,14 @@ def spectral_radii(scenario: Scenario, backend: str, settling: float, *changed: 
         settling: Time after which the team has settled, s.
         changed: Scenarios with other laws that remember the same, which continue there; the scenario's own if none.
     """
-    with Session(scenario, backend) as session:
+    with Session(scenario, backend, allow_drift=True) as session:
         while session.time < settling:
             session.step()
         state = session.state
     lines = (int(delay) + 1 for delay in scenario.system.law.links.table["delay"])
     periods, radii = math.lcm(*lines), []
     for each in changed or (scenario,):
-        with Session(each, backend) as session:
+        with Session(each, backend, allow_drift=True) as session:
             radii.append(float(np.abs(factors_of_loop(session, state, periods)).max()))
     return radii
 
@@ -59,7 +61,7 @@ def radii_in_a_medium(scenario: Scenario, gains: list[float], settling: float) -
     def law(_: float, sample: Sample) -> Array:
         return -own * at_rest - used["gain"] * (sample.disagreement - at_rest)
 
-    with Session(scenario, controller=law) as session:
+    with Session(scenario, controller=law, allow_drift=True) as session:
         while session.time < settling:
             session.step()
         state, system = session.state, session.engine.system
@@ -72,7 +74,9 @@ def radii_in_a_medium(scenario: Scenario, gains: list[float], settling: float) -
 
 
 def factors_of_loop(session: Session, state: Array, periods: int = 1) -> NDArray[np.complex128]:
-    """Return the factors over one control period of the modes that move an agent.
+    """Return the factors over one control period of the modes that move an agent, less those of free coordinates.
+
+    A coordinate that nothing holds, in the kernel of H, stays where it is: its factor is 1.
 
     Args:
         session: Session that takes the state.
@@ -90,10 +94,15 @@ def factors_of_loop(session: Session, state: Array, periods: int = 1) -> NDArray
         reached = np.flatnonzero(np.abs(columns[i]) > _NEGLIGIBLE).tolist()
         pending += [j for j in reached if j not in columns and j not in pending]
     chosen = sorted(columns)
-    A = np.column_stack([columns[i][chosen] for i in chosen])
+    # States have units of their own, newtons as metres: balanced, those of a mode can be compared.
+    A, units = matrix_balance(np.column_stack([columns[i][chosen] for i in chosen]), permute=False)
     factors, vectors = np.linalg.eig(A)
-    moves = np.linalg.norm(places[chosen].T @ vectors, axis=0) > _AT_REST * np.linalg.norm(vectors, axis=0)
-    return np.asarray(factors[moves].astype(np.complex128) ** (1.0 / periods))
+    motion = np.linalg.norm(places[chosen].T @ units @ vectors, axis=0) / np.linalg.norm(vectors, axis=0)
+    taking_part = motion > _AT_REST * motion.max()
+    H = session.engine.system.team.law_problem.H.toarray()
+    if np.linalg.matrix_rank(H) < len(H):
+        taking_part &= np.abs(factors - 1.0) > _NEUTRAL
+    return np.asarray(factors[taking_part].astype(np.complex128) ** (1.0 / periods))
 
 
 def _moved(state: Array, *chosen: int) -> Array:
