@@ -116,7 +116,7 @@ def joined(names: Sequence[str]) -> str:
 
 def and_others(name: str, others: int) -> str:
     """Return a name with the number of others, if there are any: A and 2 others."""
-    return name + (f" and {others} other{'s' * (others > 1)}" if others else "")
+    return name + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
 
 
 def with_verb(name: str, others: int, one: str = "is", several: str = "are") -> str:

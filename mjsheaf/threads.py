@@ -36,7 +36,7 @@ def usable_processors() -> int:
 
 
 class WithThreads:
-    """Base of what may have threads, which end with a `with` block."""
+    """Base of runs that may have threads; leaving a `with` block ends them."""
 
     def close(self) -> None:
         """End the threads, if there are any."""

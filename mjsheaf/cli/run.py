@@ -296,7 +296,7 @@ def run(
         _draw_video(
             directory / "video.mp4",
             publish.without_video(directory),
-            lambda bars: "".join(publish.add_video(outcome, loaded, options, bars).notes),
+            lambda bars: "".join(publish.add_video(outcome, loaded, options, bars).notes),  # at most one
         )
     if outcome.summary["status"] == "unstable":
         raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {directory}")

@@ -170,4 +170,8 @@ def _numbers_in(tree: Any) -> int:
 
 def _as_records(tree: Any) -> Any:
     """Return nested tuples with records whose fields are attributes, as compiled code reads them."""
-    return mapped(lambda leaf: leaf.view(np.recarray) if getattr(leaf, "dtype", np.dtype(int)).names else leaf, tree)
+
+    def with_attributes(leaf: Any) -> Any:
+        return leaf.view(np.recarray) if isinstance(leaf, np.ndarray) and leaf.dtype.names else leaf
+
+    return mapped(with_attributes, tree)

@@ -113,7 +113,7 @@ def box(size: int, bound: float) -> Any:
     return spaces.Box(-bound, bound, (size,), np.float64)
 
 
-class OfEpisode:
+class EpisodeEnv:
     """The part of an environment that Gymnasium and PettingZoo share.
 
     Attributes:
@@ -136,8 +136,8 @@ class OfEpisode:
         self.episode.session.close()
 
 
-class TeamEnv(OfEpisode, gymnasium.Env[Array, Array]):
-    """The environment that `env` returns; see `OfEpisode`."""
+class TeamEnv(EpisodeEnv, gymnasium.Env[Array, Array]):
+    """The environment that `env` returns; see `EpisodeEnv`."""
 
     def __init__(self, episode: FlatEpisode) -> None:
         """Offer an episode, which is at its start."""

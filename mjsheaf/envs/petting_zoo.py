@@ -9,12 +9,12 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from mjsheaf.arrays import Array
-from mjsheaf.envs.gym import FlatEpisode, OfEpisode
+from mjsheaf.envs.gym import EpisodeEnv, FlatEpisode
 from mjsheaf.scenario import Scenario
 
 
-class TeamParallelEnv(OfEpisode, ParallelEnv):  # type: ignore[misc] # PettingZoo's type variables are its own
-    """The environment that `parallel_env` returns; see `OfEpisode`.
+class TeamParallelEnv(EpisodeEnv, ParallelEnv):  # type: ignore[misc] # PettingZoo's type variables are its own
+    """The environment that `parallel_env` returns; see `EpisodeEnv`.
 
     Attributes:
         possible_agents: Ids of all agents, those included that join later.

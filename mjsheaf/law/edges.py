@@ -75,9 +75,12 @@ def pack_kinds(edges: Sequence[Edge]) -> Any:
     """Return the EdgeKinds of edges; () if all compare positions."""
     if all(edge.measures == "position" for edge in edges):
         return ()
-    none = np.zeros(0)
-    given = [none if edge.offset is None or edge.measures == "position" else edge.offset for edge in edges]
-    desired = [np.pad(value, (0, len(edge.F_tail) - len(value))) for value, edge in zip(given, edges, strict=True)]
+    desired = []
+    for edge in edges:
+        value = np.zeros(len(edge.F_tail))
+        if edge.measures != "position" and edge.offset is not None:
+            value[: len(edge.offset)] = edge.offset
+        desired.append(value)
     code = np.array([MEASURES.index(edge.measures) for edge in edges], dtype=np.int64)
     return EdgeKinds(code, np.concatenate(desired))
 

@@ -248,7 +248,9 @@ class Waypoints(Tagged):
     pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it [1/s]")
 
     def spline(self, initial: Array, start: float, end: float) -> "PPoly":
-        """The path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial; it takes its own time.
+        """The path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial.
+
+        `end` is not used: the path has its own duration.
 
         It is the quintic spline through the points at times in proportion to the distances between them: position,
         velocity and acceleration are continuous. An open path starts and ends at rest, and holds its last point.

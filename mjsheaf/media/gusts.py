@@ -30,7 +30,7 @@ from scipy.special import gammainc
 from mjsheaf.arrays import Array, IntArray, Take
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.media.varying import COMPILED, Compiled, Exposure, Moving
+from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving, unbounded
 from mjsheaf.noise import normals, stream_of
 from mjsheaf.section import Number, Positive
 from mjsheaf.vectors import triple
@@ -273,6 +273,10 @@ class GustArrays(NamedTuple):
         state.sample[:] = -1.0
         return state
 
+    def bound(self) -> Bounds:
+        """Return bounds, infinite for vehicles that meet gusts: they are Gaussian."""
+        return unbounded(self.met > 0)
+
 
 COMPILED[GustArrays] = Compiled(gust_velocity, hold_gusts)
 
@@ -352,6 +356,10 @@ class FrozenArrays(NamedTuple):
     def new_state(self, take: Take = np.zeros) -> Array:
         """Return the time of the sample that is held, by vehicle, shape (V,), s."""
         return take(len(self.met))
+
+    def bound(self) -> Bounds:
+        """Return bounds, infinite for vehicles that meet the field: it is Gaussian."""
+        return unbounded(self.met > 0)
 
 
 COMPILED[FrozenArrays] = Compiled(frozen_velocity, hold_frozen)

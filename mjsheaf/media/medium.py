@@ -57,9 +57,7 @@ def bounds_of(parts: Parts, vehicles: int) -> Bounds:
     """Return the bounds of all parts together."""
     total = Bounds(np.zeros(vehicles), np.zeros(vehicles), np.zeros(vehicles), 0.0)
     for part in parts:
-        more = (
-            part.bound() if hasattr(part, "bound") else Bounds._make([*[np.where(part.met > 0, np.inf, 0.0)] * 3, 0.0])
-        )
+        more = part.bound()
         rate = max(total.rate, more.rate)
         total = Bounds(total.speed + more.speed, total.change + more.change, total.slope + more.slope, rate)
     return total

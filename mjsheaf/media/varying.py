@@ -193,9 +193,8 @@ class Moving(Section, ABC):
     """Base of the sections of what moves in a medium, each a field of `mjsheaf.media.flow.FlowField`.
 
     Subclasses must implement `parts`, which yields named tuples with arrays for compiled code. Their type has an entry
-    in COMPILED, and a field `met`, shape (V,). A method `bound()` returns the `Bounds` of what each vehicle can meet;
-    what has none is Gaussian. A method `new_state(take)` returns a state, if there is one; `take` returns zeros of a
-    shape.
+    in COMPILED, a field `met`, shape (V,), and a method `bound()`, which returns the `Bounds` of what each vehicle can
+    meet. A method `new_state(take)` returns a state, if there is one; `take` returns zeros of a shape.
     """
 
     @abstractmethod
@@ -250,6 +249,12 @@ class Bounds(NamedTuple):
     change: Array
     slope: Array
     rate: float
+
+
+def unbounded(met: BoolArray) -> Bounds:
+    """Return infinite bounds for vehicles that meet a part, shape (V,), and zeros for others."""
+    infinite = np.where(met, np.inf, 0.0)
+    return Bounds(infinite, infinite, infinite, 0.0)
 
 
 class Tide(Section):

@@ -11,9 +11,9 @@ import io
 import json
 import math
 import os
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Protocol
@@ -86,20 +86,14 @@ class Memory:
 
 def send(chunks: Iterable[xr.Dataset], *sinks: Sink) -> None:
     """Pass the chunks of a run in order to all sinks."""
-    for _ in shown(chunks, sinks):
-        pass
-
-
-def shown(chunks: Iterable[xr.Dataset], sinks: Iterable[Sink]) -> Generator[xr.Dataset]:
-    """Yield the chunks of a run, each once all sinks have it; those are made when the first one is asked for."""
     with ExitStack() as stack:
-        made = [stack.enter_context(closing(sink)) for sink in sinks]
+        for sink in sinks:
+            stack.callback(sink.close)
         for number, chunk in enumerate(chunks):
-            for sink in made:
+            for sink in sinks:
                 if number == 0:
                     sink.open(chunk.variables, chunk.attrs)
                 sink.write(chunk)
-            yield chunk
 
 
 _COUNTED = ("delivery",)  # variables without time that later pieces update

@@ -8,7 +8,7 @@ import html
 import os
 import shlex
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -151,6 +151,16 @@ class Timings:
         return {name: (before or {}).get(name, 0.0) + now.get(name, 0.0) for name in (before or {}) | now}
 
 
+def show_live(pieces: Iterable[xr.Dataset], make_sink: Callable[[], store.Sink]) -> Generator[xr.Dataset]:
+    """Yield the pieces of a run, each once a sink, which is made when the first one is asked for, has shown it."""
+    with closing(make_sink()) as sink:
+        for number, piece in enumerate(pieces):
+            if number == 0:
+                sink.open(piece.variables, piece.attrs)
+            sink.write(piece)
+            yield piece
+
+
 def execute(
     scenario: Scenario,
     backend: str,
@@ -188,7 +198,7 @@ def execute(
     with ExitStack() as held:
         if "live" in exports:
             nothing = Path(os.devnull)
-            seen = store.shown(pieces, (kinds["live"](nothing, scenario, phases, nothing) for _ in range(1)))
+            seen = show_live(pieces, partial(kinds["live"], nothing, scenario, phases, nothing))
             held.enter_context(closing(seen))  # also if files cannot be written
             pieces = in_pieces(seen, samples_in_piece(phases[0].system))
         return publish(

@@ -465,7 +465,7 @@ def _take_gravity(spec: mujoco.MjSpec) -> list[str]:
 
 
 def _compile(path: Path) -> tuple[mujoco.MjModel, mujoco.MjData, tuple[str, ...]]:
-    """Compile a vehicle's file alone; return it as it begins, and the names of what `read_spec` leaves out."""
+    """Compile a vehicle's file alone; return it in its initial state, and the names of what `read_spec` leaves out."""
     spec, left_out = read_spec(path)
     with refusing(str(path)):
         spec.compiler.fusestatic = False  # fusing would merge the vehicle into the world, which has no mass

@@ -1,10 +1,18 @@
 """Certificates of a version of the package, compared with the oracle.
 
-`judge` holds one scenario's certificates against the oracle. The stored baseline, which later ones are held against, is
-that of version 9e02b52, the last one before the certificate was made sound: of each adversarial team the row of
-`row_of`, of each team of `test_theorem` the gain at which it is certified, of each included scenario what `check` said.
+`judge` holds one scenario's certificates against the oracle. As a command this module measures the version of the
+package that is on the path and writes the record that later versions are held against:
+
+    python -m tests.checking.study tests/checking/adversarial_baseline.json
+
+The stored baseline is that of version 9e02b52, the last one before the certificate was made sound: check it out, copy
+`tests/checking/{adversarial,oracle,study}.py` of this version into it, and run the command there (some 20 minutes).
 """
 
+import json
+import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +25,7 @@ import mjsheaf
 from mjsheaf.checking.theorem.of_run import RunBound, bound_of_run
 from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.scenario import scenario_from_mapping
-from tests.checking.adversarial import FAMILIES, family_of
+from tests.checking.adversarial import FAMILIES, TEAMS, adversarial_scenario, family_of
 from tests.checking.oracle import Truth, solve
 
 Array = NDArray[np.float64]
@@ -142,10 +150,50 @@ def _path_error(scenario: mjsheaf.Scenario, truth: Truth) -> float | None:
 # -- the record of a version ---------------------------------------------------------------------------------------
 
 
+def record_adversarial() -> list[list[Any]]:
+    """[seed, whether `check` applies, exactly, and its ratio] of every team; progress on stderr."""
+    rows = []
+    for seed in range(TEAMS):
+        begin = time.perf_counter()
+        raw = adversarial_scenario(seed)
+        truth = solve(raw)
+        solved = time.perf_counter()
+        rows.append([seed, *row_of(claim_of_check(mjsheaf.check(scenario_from_mapping(raw), trial=False), truth))])
+        took = f"{solved - begin:.2f} s + {time.perf_counter() - solved:.2f} s"
+        print(*rows[-1], family_of(seed), truth.status, took, file=sys.stderr, flush=True)
+    return rows
+
+
 def row_of(claim: Claim) -> list[Any]:
     """A claim as the record keeps it: applies, exactly, ratio (1e300 for infinity)."""
     ratio = None if claim.ratio is None else float(f"{min(claim.ratio, 1e300):.6g}")
     return [claim.applies, claim.exact, ratio]
+
+
+def record_random() -> list[float]:
+    """The gain at which each team of `test_theorem` is certified."""
+    from tests.checking.test_theorem import CERTIFIED, certified_run
+
+    return [certified_run(seed).certificate.theorem.gain for seed in range(CERTIFIED)]
+
+
+def _check(name: str) -> Any:
+    return mjsheaf.check(mjsheaf.load_scenario(name), trial=False)
+
+
+def record_shipped(check: Callable[[str], Any] = _check) -> dict[str, Any]:
+    """Return the answer of `check` for each included scenario: ok, verdicts, and if the theorem applies exactly."""
+    found = {}
+    for path in sorted((Path(__file__).parents[2] / "scenarios").glob("*.yaml")):
+        record = check(path.stem)
+        theorem = record["theorem"]
+        found[path.stem] = {
+            "ok": record["ok"],
+            "verdicts": [a["verdict"] for a in record["assumptions"]],
+            "applies": theorem["applies"],
+            "approximate": theorem["approximate"],
+        }
+    return found
 
 
 def table(rows: list[list[Any]]) -> str:
@@ -159,3 +207,16 @@ def table(rows: list[list[Any]]) -> str:
             line += f" {len(claims):6} {sum(x > BROKEN for x in claims):6} {max(claims, default=0.0):10.3g}"
         lines.append(line)
     return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure the version of the package that is on the path."""
+    rows = record_adversarial()
+    print(table(rows))
+    found = {"adversarial": rows, "random_gains": record_random(), "shipped": record_shipped()}
+    text = json.dumps(found, separators=(",", ":")).replace("],[", "],\n[").replace('},"', '},\n"')
+    Path(sys.argv[1]).write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()

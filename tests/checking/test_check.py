@@ -17,7 +17,7 @@ from mjsheaf.cli.figures import draw_check
 from mjsheaf.cli.options import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
-from tests.builders import build_scenario, require, validator_of
+from tests.builders import build_scenario, pick, require, validator_of
 from tests.checking.test_screen import assert_record_fits
 from tests.commands import Answer, Capture, call
 from tests.pictures import is_legible
@@ -99,6 +99,26 @@ def test_an_integral_that_holds_at_no_gain_is_said_to(capsys: Capture) -> None:
     captured = capsys.readouterr()
     assert json.loads(captured.out)["law"]["stable_gains"] is None
     assert "unstable at any controller.gain" in captured.err
+
+
+def test_failing_example_is_explained_and_mended(capsys: Capture) -> None:
+    record = analyse("air_tracks_surface")
+    found = record["relative_cohomology"]
+    assert found["dimension"] == 1
+    (direction,) = found["basis"]
+    assert direction["description"] == "A1, A2, A3 are free along z together"
+    assert direction["motion"] == {a: [0.0, 0.0, 1.0] for a in ("A1", "A2", "A3")}
+    assert pick(found, "mending.needed", "mending.exact") == {"mending.needed": 1, "mending.exact": True}
+    (repair,) = found["mending"]["repairs"]
+    assert repair["kind"] == "anchor"
+    assert found["mending"]["lambda_min"] > 0.1
+    mended = analyse("altitude_anchor")
+    assert pick(mended, "ok", "relative_cohomology.mending") == {"ok": True, "relative_cohomology.mending": None}
+
+
+@pytest.mark.slow
+def test_a_rigid_formation_is_ok_on_the_command_line() -> None:
+    assert call("check", "range_formation", "--no-trial") == 0
 
 
 @pytest.mark.slow

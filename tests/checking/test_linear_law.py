@@ -57,6 +57,7 @@ def derived(system: System, loop: Loop, delay: int = 0) -> DerivedLaw:
     return DerivedLaw(system.law.terms, loop.values, loop.gain, loop.period, delay)
 
 
+# The first is the one that continuous integration tries: all terms, the longest delay.
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", range(5, -1, -1))
 @pytest.mark.parametrize("names", LAWS[::-1], ids="+".join)

@@ -126,6 +126,12 @@ def test_a_team_with_a_free_direction_is_refused_and_its_fix_is_tried() -> None:
     assert fix["tried"]["without"] is None
 
 
+@pytest.mark.slow
+def test_drones_in_a_swap_without_a_rule_deadlock() -> None:
+    scenario = mjsheaf.load_scenario("swap", {"safety.tie_break": "none"})
+    assert "deadlock" in kinds(scenario)
+
+
 def test_a_boat_that_cannot_go_astern_is_stuck() -> None:
     law = {"gain": 0.2, "velocity_limit": 2}
     assert kinds(lone(str(DATA / "skiff.yaml"), [0.0, 0.0], {"position": [-1.0, 0.0]}, controller=law)) == {"stuck"}

@@ -4,6 +4,7 @@ Oracles: the contract on DIR and exit codes; the record's own identities.
 """
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,9 +95,9 @@ def test_a_boat_that_a_bow_thruster_moves_abeam_is_named_with_that_speed() -> No
 
 @pytest.mark.slow
 def test_command_publishes_and_replaces_its_own(
-    published: tuple[list[str], CompareRecord, Path], capsys: Capture
+    published: tuple[list[str], CompareRecord, Path], tmp_path: Path, capsys: Capture
 ) -> None:
-    *_, out = published
+    out = shutil.copytree(published[2], tmp_path / "out")
     assert {p.name for p in out.iterdir()} == DATA
     (out / "report.txt").write_text("of an earlier comparison")
     assert call("compare", "midpoint", "--no-video", *SHORT, "--out", out) == 0

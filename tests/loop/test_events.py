@@ -243,6 +243,19 @@ def test_while_nothing_arrives_nobody_is_commanded_and_then_all_goes_on(backend:
         np.testing.assert_allclose(positions_of(fresh), positions_of(data)[30:], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
+def test_the_law_keeps_its_memory_over_an_event() -> None:
+    """An event that changes nothing leaves a run of bodies with all terms as it was."""
+    law = {"gain": 3.0, "control_period": 0.01, **TERMS}
+    flow = {"agents": {"dimension": 3, "drift": [0.3, 0.2, 0.1]}}
+    nothing = [{"time": 0.5, "set": {"controller.velocity_limit": 1e6}}]
+    for terms in ({}, {"feedforward": {"rounds": 3, "filter": 0.1, "extrapolate": True}}):
+        both = [mixed_scenario(controller=law | terms, flow=flow, events=e) for e in ([], nothing)]
+        plain, same = (simulate(scenario, "physics") for scenario in both)
+        for name in ("agent_position", "velocity_command", "disagreement_vector"):
+            np.testing.assert_array_equal(same[name].values, plain[name].values, err_msg=name)
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_pieces_give_the_same_bits(backend: str) -> None:
     events = [{"time": 0.13, "lose": "back"}, {"time": 0.3, "set": {"controller.gain": 1.0}}]

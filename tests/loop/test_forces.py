@@ -18,17 +18,7 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, simulate
 from mjsheaf.vehicles import vehicle as vehicles
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import (
-    altered,
-    attitude,
-    body,
-    find,
-    make_scenario,
-    mixed_scenario,
-    pursuit,
-    setting,
-    xml_of,
-)
+from tests.builders import altered, attitude, body, find, make_scenario, mixed_scenario, pursuit, setting, xml_of
 from tests.oracles.law import medium, velocity_commands
 from tests.oracles.rigid_body import hold_moment
 from tests.running import run_physics

@@ -24,7 +24,7 @@ STEP = 1e-6
 """Motion of a state, in its unit."""
 
 _NEGLIGIBLE = 1e-8  # of a difference quotient that rounding makes
-_AT_REST = 1e-6  # of the mode that moves positions most: in one that moves them less, they do not take part
+_AT_REST = 1e-6  # a mode that moves positions by less than this share of the most moving one is not counted
 _NEUTRAL = 1e-7  # differences tell a factor from 1 by this
 
 
@@ -101,6 +101,7 @@ def factors_of_loop(session: Session, state: Array, periods: int = 1) -> NDArray
     taking_part = motion > _AT_REST * motion.max()
     H = session.engine.system.team.law_problem.H.toarray()
     if np.linalg.matrix_rank(H) < len(H):
+        assert not session.engine.system.law.extended  # whose own modes may be neutral
         taking_part &= np.abs(factors - 1.0) > _NEUTRAL
     return np.asarray(factors[taking_part].astype(np.complex128) ** (1.0 / periods))
 
