@@ -290,9 +290,18 @@ def hole(file: File, value: Any) -> File:
     return file.values(at_first)
 
 
-OF_NO_EFFECT = set(
-    ["actual_range", "ancillary_variables", "cell_measures", "computed_standard_name", "dimensions", "external_variables", "geometry", "quantization", "title", "units_metadata"]
-)
+OF_NO_EFFECT = {
+    "actual_range",
+    "ancillary_variables",
+    "cell_measures",
+    "computed_standard_name",
+    "dimensions",
+    "external_variables",
+    "geometry",
+    "quantization",
+    "title",
+    "units_metadata",
+}
 """Attributes that nothing reads, but for `comment`."""
 
 
