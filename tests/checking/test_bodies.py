@@ -311,7 +311,7 @@ def test_a_velocity_limit_below_the_current_is_undecided() -> None:
 
 def test_mean_medium_is_relative_to_what_the_team_follows() -> None:
     """In a drift of (1, 0) a target that goes at (0, 1) leaves agents a mean flow of (1, -1)."""
-    scenario = chain(["wamv"] * 2, drift=[1.0, 0.0])
+    scenario = chain(["wamv"] * 2, [1.0, 0.0])
     scenario["targets"][0]["position"] = [0.0, 0.0]
     system = system_of(scenario)
     time = np.linspace(5.0, 15.0, 50)  # a mean does not depend on when it begins
