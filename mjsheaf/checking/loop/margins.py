@@ -23,6 +23,7 @@ from mjsheaf.vehicles.effects import (
     may_lack,
     shortfalls_of,
 )
+from mjsheaf.vehicles.vehicle import kinds_of
 
 MOST_ROWS = 20
 """Largest number of agents that are listed with their speeds."""
@@ -116,10 +117,11 @@ class Margins(Record):
 def margins(system: System, certificate: Certificate) -> Margins:
     """All margins of a system."""
     agents = system.vehicles[: len(system.team.agents)]
-    tau = np.array([float(vehicle.reduced_model().tau.max()) for vehicle in agents])
+    kinds, _ = kinds_of(agents)
+    tau = [float(vehicle.reduced_model().tau.max()) for vehicle in kinds]
     falling = dict[str, str]()
     one_sided = []
-    for vehicle in {id(vehicle): vehicle for vehicle in agents}.values():
+    for vehicle in kinds:
         ids = [agent.id for agent, own in zip(system.team.agents, agents, strict=True) if own is vehicle]
         falling |= {id: one.sentence for one in reversed(shortfalls_of(vehicle)) if one.falls for id in ids}
         if may_lack(vehicle) and (authority := authority_of(vehicle)).lacking:
@@ -129,7 +131,7 @@ def margins(system: System, certificate: Certificate) -> Margins:
             )
     return Margins(
         hold=hold_margin(system, certificate.spectrum),
-        bodies=BodyMargins(tau=[tau.min(), tau.max()], **dict(loop_on_path(system, certificate))),
+        bodies=BodyMargins(tau=[min(tau), max(tau)], **dict(loop_on_path(system, certificate))),
         speed=_speed_demands(system, certificate),
         one_sided=one_sided,
         slow_targets=_slow_targets(system, certificate),
