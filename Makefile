@@ -78,6 +78,7 @@ test-all: lint compiled
 	MJSHEAF_SEED=$(SEED) $(PYTEST) --hypothesis-profile all --hypothesis-seed $(SEED)
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
+# REPLAYS names the scenarios whose pages have a replay, where not all.
 docs: $(TESTS)
 	$(BIN)/python -m sphinx -W --keep-going -b html docs build/docs
 	@echo "site    build/docs/index.html"

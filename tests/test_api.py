@@ -44,7 +44,7 @@ print(changed, modules)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_public_name_is_that_of_a_module() -> None:
     """Python replaces a function of a package by a module of the same name as soon as somebody imports that.
 

@@ -35,14 +35,13 @@ _WORDS = [name.replace("_", " ") for name in MEASURES]
 
 
 def publish(extra: Path) -> None:
-    """Make all replays, and copy them and the pictures to where the site takes them from."""
-    names = list(list_scenarios())
+    """Make the replays, and copy them and the pictures to where the site takes them from."""
     replays.make_all()
     for kind, file, suffix in (("replays", "report.html", "html"), ("pictures", "picture.jpg", "jpg")):
         to = extra / kind
         shutil.rmtree(to, ignore_errors=True)
         to.mkdir(parents=True)
-        for name in names:
+        for name in replays.shown():
             if (replays.replay_of(name) / file).is_file():
                 shutil.copy(replays.replay_of(name) / file, to / f"{name}.{suffix}")
 
@@ -87,7 +86,7 @@ def _card(name: str) -> str:
 
 
 def _picture(name: str, root: str) -> str:
-    if not (replays.replay_of(name) / "picture.jpg").is_file():
+    if name not in replays.shown() or not (replays.replay_of(name) / "picture.jpg").is_file():
         return ""
     alt = f"One moment of {name} on MuJoCo bodies"
     return f'<img src="{root}/pictures/{name}.jpg" alt="{alt}" width="720" height="406" loading="lazy">'
@@ -96,7 +95,6 @@ def _picture(name: str, root: str) -> str:
 def page(name: str) -> str:
     """The page of one scenario."""
     s = Scenario.model_validate(read_scenario(name))
-    summary = replays.summary_of(name)
     option, _ = replays.RUN_AS.get(name, ("", {}))
     refused = s.expect.refused
     lines = [f"# {name}\n", f"{fields.prose(s.summary[:1].upper() + s.summary[1:])}.\n"]
@@ -105,14 +103,15 @@ def page(name: str) -> str:
     if refused:
         lines.append(f"`mjsheaf run {name}` refuses this scenario: {fields.prose(refused)}. ")
         lines.append(f"Replay and numbers are from a run with `{option}`{_WORKING.get(name, '')}.\n")
-    lines += ["## Replay\n", "Drag to turn the scene. Click a curve to jump to that moment.", *_open(name), ""]
-    lines.append(
-        f'<iframe class="replay" src="../../replays/{name}.html" title="Replay of {name}" loading="lazy"></iframe>\n'
-    )
-    lines += ["## Numbers\n", *_facts(name, s), "", *_errors(s, summary), ""]
-    notes = [note["text"] for note in summary["notes"]]
-    if notes:
-        lines += ["Warnings of `run`:\n", *(f"- {fields.prose(note)}" for note in notes), ""]
+    if name in replays.shown():
+        summary = replays.summary_of(name)
+        lines += ["## Replay\n", "Drag to turn the scene. Click a curve to jump to that moment.", *_open(name), ""]
+        source = f'src="../../replays/{name}.html" title="Replay of {name}" loading="lazy"'
+        lines.append(f'<iframe class="replay" {source}></iframe>\n')
+        lines += ["## Numbers\n", *_facts(name, s), "", *_errors(s, summary), ""]
+        notes = [note["text"] for note in summary["notes"]]
+        if notes:
+            lines += ["Warnings of `run`:\n", *(f"- {fields.prose(note)}" for note in notes), ""]
     lines += ["## The file\n", f"```{{literalinclude}} ../../../scenarios/{name}.yaml", ":language: yaml", "```\n"]
     return "\n".join(lines)
 

@@ -1,7 +1,7 @@
 """The replay of every scenario, a picture of it and its numbers, made when the site is built.
 
 They are kept in build/replays and made again when the scenario, a vehicle, the program or a package that computes or
-draws has changed.
+draws has changed. `make docs REPLAYS="paper swap"` makes those alone: other pages are without.
 """
 
 import hashlib
@@ -30,6 +30,11 @@ _PICTURE: dict[str, Any] = {"width": 900, "height": 406, "fps": 1, "quality": "g
 _MOMENT = 0.4  # of the run, that the picture shows
 
 
+def shown() -> list[str]:
+    """Names of the scenarios whose pages have a replay."""
+    return os.environ.get("REPLAYS", "").split() or list(list_scenarios())
+
+
 def replay_of(name: str) -> Path:
     """The directory with a scenario's `report.html`, `summary.json` and, where OpenGL works, `picture.jpg`."""
     return KEPT / name
@@ -38,7 +43,7 @@ def replay_of(name: str) -> Path:
 @cache
 def begin() -> list[Future[None]]:
     """Begin to make what is missing or stale, on every core: the examples, which run one by one, leave cores idle."""
-    stale = [name for name in list_scenarios() if not _is_fresh(name)]
+    stale = [name for name in shown() if not _is_fresh(name)]
     if not stale:
         return []
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

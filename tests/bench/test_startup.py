@@ -81,8 +81,9 @@ def test_an_ideal_simulation_in_python_loads_neither_mujoco_nor_plots() -> None:
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_a_second_process_compiles_nothing(backend: str, period: float) -> None:
     code = _SIMULATION.format(backend=backend, period=period)
-    last_line(code)
     hits, misses = last_line(code)
+    if misses:  # the first process compiled
+        hits, misses = last_line(code)
     assert hits > 0
     assert misses == 0
 

@@ -211,7 +211,7 @@ def test_long_runs_move_as_predicted(scenario: Scenario, ideal: Any, bodies: Any
 @pytest.mark.slow
 def test_what_passes_through_the_surface_has_no_prediction() -> None:
     motion = {"kind": "lissajous", "amplitude": [0, 0, 2], "rate": [0, 0, 0.5]}
-    diving = under_water(None, targets=list_members({"T": [0, 0, -1]}, motion=motion), time={"end": 20.0})
+    diving = under_water(None, targets=list_members({"T": [0, 0, -1]}, motion=motion), time={"end": 3.0})
     record = prediction(diving)
     assert record["rms"] is None
     assert "T passes through the surface of the waves" in record["reason"]

@@ -53,7 +53,8 @@ FILMED_AGAIN = [*QUICKLY_FILMED, *EVERY[::16]]
 """Runs whose video is drawn a second time by the command `video`, which reads any run in the same way."""
 
 
-LONG_ON_BODIES = ("certified", "range_formation", "swarm_radio_shadow")
+LONG_ON_BODIES = ("certified", "harbour_gusts", "narrow_gate", "range_formation", "swarm_radio_shadow")
+"""Scenarios whose runs on bodies take long, or have a loop that no other test compiles."""
 IN_TURN = [run for k, run in enumerate(EVERY) if (k % 2 == 0 if run[0] in LONG_ON_BODIES else k % 4 in (0, 3))]
 """Each scenario on one of the backends."""
 
@@ -123,7 +124,7 @@ def film_again(out: Path) -> None:
     assert {p.name for p in out.iterdir()} - {"vehicles"} == set(FILES)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_run_replaces_its_own_directory_and_repeats_its_bits(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     out = tmp_path / "out"
     arguments: list[str | Path] = ["run", "local_frames", *QUICK, "--set", "time.end=0.5", "--out", out]

@@ -230,7 +230,7 @@ def tracking(measures: str, terms: Any, offset: Any = (0.1, -0.2), **fields: Any
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_feedforward_of_ranges_and_bearings_is_the_velocity_of_q_star(measures: str) -> None:
     """All targets move alike, and so does q*; with exact rounds feedforward is that velocity, a sample late."""

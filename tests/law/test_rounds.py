@@ -277,7 +277,7 @@ def test_check_does_not_claim_to_know_the_held_law(fields: dict[str, Any]) -> No
 
 
 @pytest.mark.slow
-def test_rounds_over_no_edge_at_all() -> None:
+def test_rounds_over_no_edge_at_all(in_python: None) -> None:
     """All links are cut: H is 0, no agent receives messages, and all stay."""
     controller = {"control_period": 0.02, "feedforward": {"rounds": 2}, "newton": {"rounds": 2}}
     rest = {"links": {"rounds": {"delay": 0.02, "loss": 0.3}}, "events": [{"time": 0.1, "cut": ["A1", "T1"]}]}

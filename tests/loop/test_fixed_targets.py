@@ -12,6 +12,7 @@ from mjsheaf.scenario.slips import drifts_of, slips_of
 from mjsheaf.vehicles.effects import authority_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from tests.builders import POWERED
+from tests.strategies import long
 
 MOVING: dict[str, Any] = {
     "water": {
@@ -67,7 +68,7 @@ def test_a_fixed_target_does_not_move_on_ideal_kinematics(period: float) -> None
     assert (excursion(team({"kind": "fixed"}, flow, **fields), backend="ideal") == 0.0).all()
 
 
-@pytest.mark.parametrize("engine", ["fused", "mujoco"])
+@pytest.mark.parametrize("engine", [long("fused"), "mujoco"])
 def test_a_fixed_body_holds_its_place_in_a_current(engine: str) -> None:
     """A boat in 1 m/s and waves, a drone in 2 m/s and gusts: adrift they go 20 and 40 m."""
     assert (excursion(team({"kind": "fixed"}, MOVING), engine=engine) < 0.5).all()

@@ -158,8 +158,9 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
 
 
 @pytest.mark.slow
-def test_a_step_of_every_vehicle_is_that_of_mujoco(tmp_path: Path) -> None:
-    assert off_by(of_vehicles([*POWERED, *unlike(tmp_path)], 0.002), 30, 1) < EPSILON
+def test_a_step_of_every_vehicle_alone_and_in_lanes_is_that_of_mujoco(tmp_path: Path) -> None:
+    names = [*of_lanes(tmp_path / "lanes"), *POWERED, *unlike(tmp_path)]
+    assert off_by(of_vehicles(names, 0.002), 30, 1) < EPSILON
 
 
 @pytest.mark.long
@@ -191,11 +192,6 @@ def of_lanes(folder: Path) -> list[str]:
         *["submersible"] * 4,
         *[str(DATA / "skiff.yaml")] * 4,
     ]
-
-
-@pytest.mark.slow
-def test_a_step_in_lanes_is_that_of_mujoco(tmp_path: Path) -> None:
-    assert off_by(of_vehicles(of_lanes(tmp_path), 0.002), 30, 3) < EPSILON
 
 
 @pytest.mark.parametrize("components", [6, 12])
@@ -411,7 +407,7 @@ def alone(loop: Any, motion: Any, last: int, log: Any, bad: Any) -> Any:
     return advance_lanes(loop, motion, 0, last, 0, 1, log, -1, bad)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not CPU.exists() or "avx2" not in CPU.read_text(), reason="needs a processor with AVX2")
 def test_most_operations_are_four_to_an_instruction() -> None:
     scenario = load_scenario("swarm", {"swarm.size": 17, "time.end": 0.1})

@@ -96,7 +96,7 @@ def test_models_without_contacts_have_no_obstacles() -> None:
     np.testing.assert_array_equal(runs[0]["agent_position"], runs[1]["agent_position"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_state_has_moving_obstacles() -> None:
     """A run that is continued from a state repeats itself to the bit."""
     one, other = world(), world()
