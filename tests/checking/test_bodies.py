@@ -31,6 +31,7 @@ TERMS_OF_A_LAW = {"newton", "integral", "feedforward", "drift"}
 SETTLING = 40.0  # s, of agents that begin at q*
 SETTLING_IN_A_FLOW = 150.0  # s, where they first have to lean, and to turn
 WITHIN = 0.03  # of the largest gain: where a simulation must have begun to grow; 5 % is what is promised
+NEUTRAL = 1e-8  # the factor of a heading that nothing turns is 1, to rounding of the differences
 
 
 def chain(
@@ -97,7 +98,7 @@ def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None 
         radii = spectral_radii(settled, "physics", settling, below, above)
     else:
         radii = radii_in_a_medium(settled, [below.system.gain, above.system.gain], settling)
-    assert radii[0] < 1.0 < radii[1]
+    assert radii[0] < 1.0 + NEUTRAL < radii[1]
 
 
 @pytest.mark.slow

@@ -233,8 +233,9 @@ def test_a_boat_holds_station_up_to_the_wind_that_check_names(boat: str) -> None
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("boat", BOATS)
 def test_from_every_heading(boat: str, engine: str, limit: float) -> None:
-    for heading in HEADINGS[HEADINGS != 180.0] if boat == "otter" else HEADINGS:  # see the next test
-        assert_holds_up_to(boat, engine, heading, limit)
+    """But exactly in line with the wind, where nothing turns a boat; for an otter's bows see the next test."""
+    for heading in HEADINGS[HEADINGS != 180.0] if boat == "otter" else HEADINGS:
+        assert_holds_up_to(boat, engine, heading + 1.0, limit)
 
 
 @pytest.mark.slow
