@@ -1,7 +1,7 @@
 """Progress of long work: a bar on a terminal or in a notebook, and lines where output goes to a file.
 
 It appears after half a second, so that short work shows nothing, and a bar disappears when the work ends. While numba
-compiles, it shows that, function by function: otherwise the first run on a machine would print nothing.
+compiles, it shows that: otherwise the first run on a machine would print nothing.
 """
 
 import contextvars
@@ -39,16 +39,14 @@ View = Callable[[], AbstractContextManager[Update]]
 
 def under_way(reported: tuple[str, int, int]) -> tuple[str, int, int]:
     """Return what is being done, the amount done and the whole amount: those of compilation while there is one."""
-    # It is not loaded for this, which takes long; while it is being loaded it lacks the functions.
+    # It is not loaded for this, which takes long; while it is being loaded it lacks the functions, and bool() is False.
     jit = sys.modules.get("mjsheaf.compile.jit")
-    waiting = getattr(jit, "is_waiting", None)
-    if waiting and waiting():
-        return "waiting for another process that compiles the same loops", 0, 0
-    compiling = getattr(jit, "compiling", None)
-    compiled = compiling() if compiling else None
-    if compiled:
-        what = "compiling the loops for this machine, once"
-        return f"{what}: function" if compiled[1] > 1 else what, *compiled
+    for asked, what in (
+        ("is_waiting", "waiting for another process that compiles the same loops"),
+        ("is_compiling", "compiling the loops for this machine, once"),
+    ):
+        if getattr(jit, asked, bool)():
+            return what, 0, 0
     return reported
 
 

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from numba.core import event
 
 import mjsheaf
 from mjsheaf import progress
-from mjsheaf.compile import jit
 from tests.cli.test_progress import Screen
 from tests.commands import wait_until
 
@@ -178,29 +176,3 @@ def test_the_terminal_is_left_clean(monkeypatch: pytest.MonkeyPatch) -> None:
         bar("working", 1, 2)
         wait_until(lambda: "working" in screen.getvalue(), 10.0)
     assert screen.getvalue().endswith("\x1b[2K")  # the line is erased
-
-
-def test_a_compilation_says_how_many_functions_there_are() -> None:
-    """Each function counts once, however often it is called; those that are compiled already do not count."""
-
-    def expected(caller: Any, known: set[Any]) -> int:
-        return len(jit._functions_called(caller.py_func, known))
-
-    assert expected(_outer, set()) == 3
-    assert expected(_middle, set()) == 2
-    assert expected(_outer, {_inner.py_func}) == 2
-
-
-@jit.user_jit
-def _inner(x: float) -> float:
-    return x + 1.0
-
-
-@jit.user_jit
-def _middle(x: float) -> float:
-    return _inner(x) * _inner(x)
-
-
-@jit.user_jit
-def _outer(x: float) -> float:
-    return _middle(x) + _inner(x) + float(np.sqrt(x))

@@ -69,58 +69,35 @@ _logger = logging.getLogger("mjsheaf")
 
 
 class _Compilations(event.Listener):
-    """Counts the functions that numba compiles, and adds up the time: seconds that later runs do not take.
+    """Adds up the time that numba compiles: seconds that later runs do not take.
 
     Attributes:
         seconds: Time that compiling took, s.
-        count: Functions that were compiled.
-        expected: About how many functions will have been compiled when the present compilation ends.
         begun: Times at which the compilations that are under way began, s.
     """
 
     def __init__(self) -> None:
         self.seconds = 0.0
-        self.count = 0
-        self.expected = 0
-        self._compiled: set[Any] = set()
         self.begun: list[float] = []  # one within the other
         self._announced = False
         self._usual = gc.get_threshold()
 
     def on_start(self, event: Any) -> None:
-        function = event.data["dispatcher"].py_func
         if not self.begun:
-            self.expected = self.count + len(_functions_called(function, self._compiled))
             self._usual = gc.get_threshold()
             # numba makes millions of objects, few of them garbage: with Python's own thresholds, looking for it took a
             # tenth of the time.
             gc.set_threshold(50_000, 20, 20)
         self.begun.append(perf_counter())
-        if not self._announced and str(function.__module__).startswith("mjsheaf."):
+        if not self._announced and str(event.data["dispatcher"].py_func.__module__).startswith("mjsheaf."):
             self._announced = True
             _logger.info("compiling the loops for this machine, once")
 
     def on_end(self, event: Any) -> None:
         begun = self.begun.pop()
-        self.count += 1
-        self._compiled.add(event.data["dispatcher"].py_func)
         if not self.begun:
             self.seconds += perf_counter() - begun
             gc.set_threshold(*self._usual)
-
-
-def _functions_called(function: Any, known: set[Any]) -> set[Any]:
-    """Return a function and those for compilation that it calls, directly or not, without those that are `known`."""
-    reached = set()
-    pending = [function]
-    while pending:
-        caller = pending.pop()
-        reached.add(caller)
-        code = getattr(caller, "__code__", None)
-        named = (caller.__globals__.get(name) for name in code.co_names) if code else ()
-        called = {one.py_func for one in named if hasattr(one, "py_func")}
-        pending += called - reached - known
-    return reached
 
 
 _compilations = _Compilations()
@@ -132,12 +109,9 @@ def compilation_time() -> float:
     return _compilations.seconds
 
 
-def compiling() -> tuple[int, int] | None:
-    """Return the number of the function that is being compiled and about how many there are; None if there is none."""
-    if not _compilations.begun:
-        return None
-    number = _compilations.count + 1
-    return number, max(number, _compilations.expected)
+def is_compiling() -> bool:
+    """Return whether a function is being compiled."""
+    return bool(_compilations.begun)
 
 
 def working_time() -> float:

@@ -80,7 +80,7 @@ class Screen(io.StringIO):
 def test_compiling_is_shown_within_a_second(terminal_there: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the bar of a terminal; elsewhere on stdout, once in a while."""
     assert progress.DELAY + progress._INTERVAL < 1.0
-    assert jit.compiling() is None
+    assert not jit.is_compiling()
     out: Any = io.StringIO()
     err: Any = Screen() if terminal_there else io.StringIO()
     monkeypatch.setattr(sys, "stdout", out)
