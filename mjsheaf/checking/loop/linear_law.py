@@ -135,7 +135,7 @@ class LinearLaw:
             A.reshape(n * L, n * L),
             np.einsum("lnm,kl->nlmk", self.B, vectors).reshape(n * L, m * N),
             np.einsum("kl,ln->knl", vectors, self.C).reshape(N, n * L),
-            np.einsum("kl,lm,jl->kmj", vectors, self.D, vectors).reshape(N, m * N),
+            np.hstack(vectors * self.D.T[:, None] @ vectors.T),
         )
 
 

@@ -269,14 +269,16 @@ def _follow(
     n = len(H)
     if system.team.symmetric:
         values, vectors = held_modes(system, certificate.spectrum)
-        law = model_of(law_arrays, system.grid.period).at(system.gain, values).of_team(vectors)
+        modes = model_of(law_arrays, system.grid.period).at(system.gain, values)
+    size = n + sum(len(vehicle.A) for vehicle in vehicles) + (modes.C.size if system.team.symmetric else 0)
+    if size > MAX_STATES:
+        raise UndecidedError(f"the loop has {size} states, more than {MAX_STATES}")
+    if system.team.symmetric:
+        law = modes.of_team(vectors)
     else:  # u = -k1 eta
         law = without_memory(-system.gain * np.hstack([H, np.eye(n), np.zeros((n, 3 * n))]))
     plant = LinearVehicle(*(linalg.block_diag(*blocks) for blocks in zip(*vehicles, strict=True)))
     moved = np.vstack([plant.D, plant.B])
-    size = len(moved) + len(law.A)
-    if size > MAX_STATES:
-        raise UndecidedError(f"the loop has {size} states, more than {MAX_STATES}")
     loop = driven(plant, law)
     if not np.abs(np.linalg.eigvals(loop.A)).max() <= 1.0 + NEUTRAL_RATE * system.grid.period:
         raise UndecidedError("the loop is unstable")
