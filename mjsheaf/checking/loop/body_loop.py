@@ -659,6 +659,9 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
     team = system.team
     owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
     problem = team.law_problem
+    states = problem.H.shape[0] - problem.sparse_null_basis.shape[1] + sum(len(model.A) for model in models)
+    if states > 10 * LARGEST_WHOLE:
+        raise UndecidedError(f"too many unlike vehicles: {states} states")
     H = problem.H.toarray() if team.symmetric else matrix_of(team)
     Q = np.eye(len(H)) if problem.unique else linalg.null_space(problem.null_basis.T)
     if not system.law.extended:
@@ -682,9 +685,6 @@ def joined(
     Raises:
         UndecidedError: More than LARGEST_WHOLE states act on one another.
     """
-    states = len(Q) + sum(len(model.A) for model in models)
-    if states > 10 * LARGEST_WHOLE:
-        raise UndecidedError(f"too many unlike vehicles: {states} states")
     A, B, C, D = (linalg.block_diag(*matrices) for matrices in zip(*models, strict=True))
     plant = LinearVehicle(A, B, Q.T @ C, Q.T @ D)
 
