@@ -313,20 +313,20 @@ def propose(
 ) -> list[Proposal]:
     """Find the cheapest of each kind of law whose bound is at most the radius: the smallest gain, then fewest rounds.
 
-    The kinds are the paper's law; feedforward; Newton's direction too; drift and extrapolation too. None is proposed
-    where nothing can be decided, where links are not exact, or where the run is long.
+    The kinds are the paper's law, then with feedforward, then also with Newton's direction, then also with drift and
+    extrapolation. The list is empty if the law is undecided, if links are not exact, or if the run is long.
 
     Args:
         system: System under its law.
         certificate: Its certificate.
         radius: Desired bound on |e|, m.
-        gains: Gains that are tried, times the scenario's.
-        rounds: Rounds of exchange that are tried.
-        filtering: Filter of the drift's observer, s.
-        most: Largest number of samples times states.
+        gains: Gains that are tried, as multiples of the scenario's.
+        rounds: Numbers of rounds that are tried.
+        filtering: Time constant of the observer's filter, s.
+        most: Largest product of samples and states.
     """
     try:
-        loop_of(system)  # where it is undecided, as with rounds that can be delayed or lost, so are its variants
+        loop_of(system)  # if it is undecided, as with rounds that can be delayed or lost, so are its variants
     except UndecidedError:
         return []
     if (

@@ -471,9 +471,9 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
 
 
 def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
-    """Yield that some agents are slower than their places to the end: by their vehicles, or by velocity limits.
+    """Yield the problem of agents that stay behind their places, because of their vehicles or their velocity limits.
 
-    An agent that is no farther behind than `deficit`, m, counts as keeping up.
+    An agent that is at most `deficit`, m, behind counts as keeping up.
     """
     for limited in (False, True):
         alike = [demand for demand in part.margins.speed if demand.limited == limited]
