@@ -504,7 +504,7 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
 
 
 def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset]:
-    """Split a run into pieces of `samples` samples, except for the last, whatever its present pieces are."""
+    """Split a run into pieces of `samples` samples, except for the last, for any lengths of the given pieces."""
     held: list[xr.Dataset] = []
     for piece in pieces:
         held.append(piece)
