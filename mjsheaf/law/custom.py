@@ -159,7 +159,7 @@ def _meaning(value: Any, met: set[int]) -> Iterator[bytes]:
 
 
 def _compiled(function: Term) -> Any:
-    """Compile a term for the shapes that it will see, so that its faults show where it is registered."""
+    """Compile a term for the shapes of its arguments, so that errors are reported when it is registered."""
     compiled = user_jit(function)
     if not INTERPRETED:
         numbers = types.float64[::1]

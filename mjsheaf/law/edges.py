@@ -556,7 +556,7 @@ def deliver(present, law, t, x, bodies, y, terms, memory):
         law: Law of the team.
         t: Time, s.
         x: Positions, shape (V, 3), m.
-        bodies: True if memory.attitude has the true attitudes; otherwise vehicles face where they move.
+        bodies: True if memory.attitude has the true attitudes; otherwise vehicles face in the direction of motion.
         y: Measurements, in place.
         terms: Memory of the terms.
         memory: Memory of the links.

@@ -111,8 +111,8 @@ class Sample:
         team: The team as the phase begins, read-only; `team.agent_ids` names the rows of arrays.
         edges: The edges at which agents measure: communication, sensing, anchors; with the present offsets.
         measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
-            where nothing is received. Of a range edge the distance, shape (1,), m; of a bearing edge the unit vector
-            from tail to head; both zero where nothing is received.
+            if nothing is received. For a range edge the distance, shape (1,), m; for a bearing edge the unit vector
+            from tail to head; both zero if nothing is received.
         jacobians: dh/dz of each edge, h what it measures and z = F_head x_head - F_tail x_tail: the identity, of a
             range shape (1, m), of a bearing shape (m, m), 1/m.
         residuals: Measured minus desired value of each edge: y_e + b_e, and h - h* of ranges and bearings. The edge
@@ -260,20 +260,20 @@ class Controller:
         ids = team.agent_ids
         t = sample.time
         when = f"t = {t:.6g} s"
-        wanted = self._guarded(when, lambda: real_numbers(self.law(t, sample)))
-        if wanted.shape != (len(ids), 3):
+        returned = self._guarded(when, lambda: real_numbers(self.law(t, sample)))
+        if returned.shape != (len(ids), 3):
             raise InputError(
-                f"controller {self.name} at {when}: returned shape {wanted.shape}; "
+                f"controller {self.name} at {when}: returned shape {returned.shape}; "
                 f"expected ({len(ids)}, 3), a velocity in m/s for each agent"
             )
-        good = np.abs(wanted) <= MAX_SPEED  # False where it is not finite
+        good = np.abs(returned) <= MAX_SPEED  # False if not finite
         if not good.all():
             i = int(np.flatnonzero(~good.all(axis=1))[0])
             raise InputError(
-                f"controller {self.name} at {when}: returned {wanted[i]} for {ids[i]}; "
+                f"controller {self.name} at {when}: returned {returned[i]} for {ids[i]}; "
                 f"expected finite velocities of at most {MAX_SPEED:g} m/s"
             )
-        return cast(Array, wanted)
+        return cast(Array, returned)
 
     def cause_of_blow_up(self, team: Team, vehicle: int, command: Array) -> str:
         """Return a message that the law may have caused a blow-up under commands (V, 3), m/s; empty for a target."""
@@ -318,7 +318,7 @@ class LocalSample:
 
     Attributes:
         edges: Present edges of the agent, with the present offsets; a subset of `Agent.edges` if a phase has fewer.
-        measurements: y_e of each of them, m; -b_e where nothing is received. See `Sample` for these and the next two.
+        measurements: y_e of each of them, m; -b_e if nothing is received. See `Sample` for these and the next two.
         jacobians: dh/dz of each of them.
         residuals: Measured minus desired value of each of them.
         disagreement: eta_i, padded, shape (3,), m.

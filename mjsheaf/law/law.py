@@ -6,7 +6,7 @@ and desired value b,
 
     offsets     b_e, where formations change (see `mjsheaf.law.edges`)
     measure     y_e = F_j x_j - F_i x_i
-    deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.law.edges`)
+    deliver     y_e after its sensor and link, if the edge has any (see `mjsheaf.law.edges`)
     compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.edges`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python commands
@@ -69,7 +69,7 @@ class EdgeArrays(NamedTuple):
 
     Attributes:
         tail, head: Numbers of the vehicles at the ends, shape (E,); an anchor's head is its tail.
-        listens: True where the edge moves its tail and head, shape (E, 2).
+        listens: True if the edge moves its tail, and its head, shape (E, 2).
         first: Index in y at which each edge's numbers begin, and m, shape (E + 1,).
         F_tail, F_head: Restriction maps, padded, shape (m, 3).
         P_tail, P_head: K F, whose transpose pulls back, shape (m, 3).
@@ -175,7 +175,7 @@ class Memory(NamedTuple):
 
     Attributes:
         flat: The part of the array that is state of the run: this memory, and the parts laid out before it.
-        y: Delivered measurements, -b where nothing is received, shape (m,), m.
+        y: Delivered measurements, -b if nothing is received, shape (m,), m.
         residual: eta of the agents by these, L_T p - c_T of the targets, padded, shape (V, 3), m.
         command: Commanded velocities, limited, shape (V, 3), m/s.
         supplied: Velocities commanded by a law in Python, shape (V, 3), m/s; without one, velocities added to the
@@ -275,7 +275,7 @@ def edges_kept(old: EdgeArrays, new: EdgeArrays) -> tuple[IntArray, IntArray]:
     """Find the edges that two laws share: edges of the same kind and ends, with the same maps.
 
     Returns:
-        The number of each new edge among the old ones, shape (E,), and where its numbers y_e were, shape (m,); -1 for
+        The number of each new edge among the old ones, shape (E,), and the old indices of its y_e, shape (m,); -1 for
         an edge that is not among them.
     """
     known = {name: e for e, name in enumerate(_names(old))}

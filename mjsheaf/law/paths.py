@@ -197,7 +197,7 @@ def piece_at(motion, v, t):
 
 @inline_jit
 def position_at(motion, v, t):
-    """Return where the reference of v is at time t, s, as three numbers, m."""
+    """Return the position of the reference of v at time t, s, as three numbers, m."""
     if motion.path[v, 1] > 0:
         k, h = piece_at(motion, v, t)
         x, y, z = 0.0, 0.0, 0.0
@@ -300,7 +300,7 @@ class Recorded(Selection, _Source):
     loaded scenario has the samples of a file in place of the file's path. See `mjsheaf.law.paths` for uneven samples.
     """
 
-    pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
+    pull: NonNegative = Field(1.0, description="return to the path when the target is off it [1/s]")
 
     @model_validator(mode="after")
     def _one_source(self) -> "Recorded":
@@ -353,7 +353,7 @@ class Recorded(Selection, _Source):
 
 
 class Fixed(Tagged):
-    """No motion at all: it stays where it begins, whatever flows.
+    """No motion at all: it stays at its initial position in any flow.
 
     On ideal kinematics it does not move. A body holds the position by itself: it compensates for the medium that it
     measures, as far as its thrusters can. Neither disturbance nor `target_formation` moves it.

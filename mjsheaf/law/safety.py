@@ -632,7 +632,7 @@ _BISECTIONS = 60
 
 @inline_jit
 def _lacks(rows, k, shift, x, y, z):
-    """Return by how much constraint k falls short at a velocity, m/s, less rounding; positive where it is violated."""
+    """Return the shortfall of constraint k at a velocity, m/s, minus rounding; positive if it is violated."""
     short = rows[k, 3] - shift - (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z)
     if short <= 0.0:
         return short

@@ -133,7 +133,7 @@ def carry_rounds(old: RoundMemory, new: RoundMemory, edges: IntArray, rows: IntA
 
     Args:
         old, new: Memory of the old and of the new phase.
-        edges, rows: Number of each edge, and of each of its numbers, in the old phase; -1 where it was not there.
+        edges, rows: Number of each edge, and of each of its numbers, in the old phase; -1 if it was not there.
         sample: Number of past samples.
     """
     C, m = len(old.state), old.last.shape[-1]
@@ -518,7 +518,7 @@ def carry_terms(old: TermMemory, new: TermMemory, edges: IntArray, rows: IntArra
         old, new: Memory of the old and of the new phase.
         edges, rows: Old number of each new edge, shape (E,), and of each of its numbers, shape (m,); -1 for an edge
             that is new.
-        changed: True where the edges of a vehicle differ from the phase before, shape (V,).
+        changed: True for vehicles whose edges differ from the previous phase, shape (V,).
     """
     if not (len(old.clock) and len(new.clock)):
         return
@@ -714,9 +714,9 @@ def apply_laplacian(edges, terms, y, x, out):
 def solve(edges, terms, rounds, b, y, x, memory):
     """Improve the solution x (V, 3) of H x = b (V, 3) by rounds of Chebyshev's iteration, H at measurements y (m,).
 
-    The error falls by T_r((b + a) / (b - a)) in r rounds where the eigenvalues lie in [a, b], in every eigenvector
-    alike but for the sign (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1; written so that
-    nothing is divided by b - a).
+    If the eigenvalues lie in [a, b], the error falls by T_r((b + a) / (b - a)) in r rounds, in every eigenvector
+    equally except for the sign (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1; written so
+    that nothing is divided by b - a).
     """
     low, high = terms.eigenvalues
     middle = 0.5 * (low + high)

@@ -111,7 +111,7 @@ KIND = np.dtype(
         ("turning_price", "f8"),  # surge force for each unit of yaw moment, 1/m
         ("turning_speed", "f8"),  # desired speed above which it turns round, m/s
         ("in_flow", "i8"),  # 1 if the force of some of its actuators depends on velocity: see `flow_wrench`
-        ("windage", "f8", 4),  # see `vehicles.vehicle.Windage.pack`; its height is 0 where no wind acts
+        ("windage", "f8", 4),  # see `vehicles.vehicle.Windage.pack`; its height is 0 if no wind acts
     ],
     align=True,
 )

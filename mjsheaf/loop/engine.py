@@ -291,7 +291,7 @@ class Engine(WithThreads, ABC):
     _control: ControlArrays  # of the present phase
     _timestep: float  # s
     _chunk: int  # steps in one compiled call; Ctrl-C takes effect between calls
-    _stride: int  # the same where nothing is recorded
+    _stride: int  # the same if nothing is recorded
     _unrecorded: Recorder
     _count: Array  # steps taken, shape (1,)
 
@@ -390,7 +390,7 @@ class Engine(WithThreads, ABC):
 
     @abstractmethod
     def _place_targets(self, recorder: Recorder) -> None:
-        """Put targets where the recorder has them at its next sample."""
+        """Put targets at the recorder's positions for its next sample."""
 
     @abstractmethod
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
@@ -673,7 +673,7 @@ class Engine(WithThreads, ABC):
 
         It does not contain the state of a law in Python.
         """
-        self._enter_phase()  # where a phase begins, as `set_state` expects it
+        self._enter_phase()  # if a phase begins here, as `set_state` expects
         before = self._before if self._observed == self.steps_taken else self._now
         seed = float(self.seed)  # a double has 53 bits, and a seed 63
         rest = float(self.seed - int(seed))

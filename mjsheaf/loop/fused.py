@@ -54,7 +54,7 @@ def advance_block(loop, rigid, first, last, step, count, log, row, bad):
     """Move vehicles from first up to last by `count` steps from step number `step`, fewer where one becomes bad.
 
     Their samples before the first step are recorded as `row` of the log, unless that is negative. Neighbours of one
-    kind move in lanes where they fit, which does not change a bit.
+    kind move in lanes if they fit, which does not change a bit.
 
     Returns:
         True if no vehicle became bad; see `Fused._bad` on `bad`.
@@ -190,7 +190,7 @@ class Fused(ClosedLoop):
                 wait([moving])
             finally:
                 moving.result()
-        self._count[0] = step + count  # also where a vehicle is bad and its span does not count
+        self._count[0] = step + count  # also if a vehicle is bad and its span does not count
         vehicle = int(np.argmin(self._bad))
         return None if self._bad[vehicle] == NEVER else (vehicle, int(self._bad[vehicle]) // 2)
 

@@ -365,7 +365,7 @@ class Ideal(Engine):
         """Record `count` samples from step number `step` on, and advance after each or not.
 
         Returns:
-            The number of samples recorded, and the vehicle that blew up or -1; V where the team was integrated as one.
+            The number of samples recorded, and the vehicle that blew up or -1; V if the team was integrated as one.
         """
         row = min(int(recorder.written[0]), len(recorder.log.positions) - count)
         control, integrator = self._held

@@ -77,7 +77,7 @@ def linearise(
     """Linearise each vehicle's loop about the equilibrium in which it keeps its place.
 
     Args:
-        points: Vehicles and where they stay; all are linearised side by side in one arena.
+        points: Vehicles and the points that they hold; all are linearised together in one arena.
         control: Any control; compiled code needs it as an argument, but the law is not evaluated.
         timestep: Physics step, s.
         steps: Number of physics steps in a control period; 1 if the law is evaluated at each.

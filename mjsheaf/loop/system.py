@@ -443,13 +443,13 @@ class System:
 
     @property
     def _above_hulls(self) -> Array:
-        """Return the points at which air acts on hulls, above where they begin, shape (V, 3), m."""
+        """Return the points at which air acts on hulls at their initial positions, shape (V, 3), m."""
         heights = [self.bodies.surface_height + vehicle.windage[3] for vehicle in self.vehicles]
         return np.column_stack([self.initial[:, :2], heights])
 
     @cached_property
     def mean_wind(self) -> Array:
-        """Velocity of the air above each hull relative to the water, where it begins, shape (V, 3), m/s.
+        """Velocity of the air above each hull's initial position relative to the water, shape (V, 3), m/s.
 
         It is the mean without gusts and waves at the end of the run, and zero for vehicles on which no wind acts.
         """

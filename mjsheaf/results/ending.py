@@ -273,7 +273,7 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
     held = -system.drift_in_wind(np.zeros((still.shape[1], 3)))  # command of an agent at rest in wind
     for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command
         still[:, v] &= blocks.speed[:, v] < _MAX_MADE * system.vehicles[v].capability.least_speed
-        # Nor is it where the command holds it against the wind on its hull.
+        # Nor is it stuck if the command holds it against the wind on its hull.
         beyond = np.linalg.norm(blocks.asked[:, v] - held[v], axis=1)
         still[:, v] &= (beyond > _MOSTLY * np.linalg.norm(held[v])) | (blocks.saturation[:, v] > _MOSTLY)
     found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]

@@ -172,7 +172,7 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
     present_in = np.array([phase.system.team.present for phase in phases])
     limit_in = np.array([phase.system.law.limit[:N] for phase in phases])
     present, saturated, limited, exceeded = np.zeros((4, N))  # numbers of samples
-    worst = np.zeros((4, N))  # where the medium is the fastest: its speed over the agent's, both speeds, and the time
+    worst = np.zeros((4, N))  # at the largest ratio of the medium's speed to the agent's: it, both speeds, time
     names = ["agent_flow", "phase", *["velocity_command"] * by_law, *["agent_saturation"] * bodies]
     for chunk in pieces_of(dataset, names):
         there, limit = (values[chunk["phase"].values] for values in (present_in, limit_in))

@@ -281,8 +281,8 @@ class BodyLoop(Record):
     reason: str = Field(description="why it is undecided, or empty")
     obstacle: Obstacle = Field(
         "",
-        description="`overpowered`: undecided because an agent cannot hold its place in the mean flow; `no model`: "
-        "because an agent has no linear model; else empty",
+        description="undecided because an agent cannot hold its place in the mean flow (`overpowered`) or has no "
+        "linear model (`no model`); else empty",
     )
     stable_over_exact_links: bool | None = Field(
         None, description="`stable` without delays and losses; null if that makes no difference, or is undecided"
@@ -304,7 +304,7 @@ def held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
     return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
 
 
-_OF_LOOP = ("stable", "spectral_radius", "largest_gain", "least_damped")  # null where the loop is undecided
+_OF_LOOP = ("stable", "spectral_radius", "largest_gain", "least_damped")  # null if the loop is undecided
 _OBSTACLES: dict[type[Exception], Obstacle] = {OverpoweredError: "overpowered", NoModelError: "no model"}
 
 
@@ -725,7 +725,7 @@ def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsL
     owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
     try:
         # The mean velocity of the medium relative to each target's path, shape (M, 3), m/s. If the path is unknown or
-        # diverges, it is that where the target begins.
+        # diverges, it is that at the target's initial position.
         N = len(system.team.agents)
         bounded = path.cells is not None and targets_loop(system).stable
         positions = path.positions[:, N:] if bounded else system.initial[None, N:]

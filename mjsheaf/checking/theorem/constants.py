@@ -13,7 +13,7 @@ velocity H^-1 (B p' + c'), with c' constant. The proof of the theorem uses e' = 
 
     f_B = H^-1 B f_p(p, t) + H^-1 c' - f_q(q*).
 
-Over a cell of duration h, q*_i is within h |(H^-1 c')_i| / 2 of where it is at mid-time, which R_i includes.
+Over a cell of duration h, q*_i is within h |(H^-1 c')_i| / 2 of its position at mid-time, which R_i includes.
 
 As long as |e(t)| <= R(t), each agent is within R(t) of its q*_i(t). So bounds on the flow's slope and speed over the
 tube of that radius about q* hold along the run.

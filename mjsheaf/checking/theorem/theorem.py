@@ -121,7 +121,7 @@ def as_rho(rho: RhoLike) -> Rho:
     """Return a bound from one of its forms.
 
     Args:
-        rho: A number L, 1/s, is a Lipschitz constant over the whole region, infinite where there is none. Coefficients
+        rho: A number L, 1/s, is a Lipschitz constant over the whole region, infinite if there is none. Coefficients
             c_k >= 0, in 1/s, 1/(m s), ..., give rho(s) = c_0 + c_1 s + c_2 s^2 + ... Pairs (radius_k in m, L_k in 1/s)
             are a table: rho(s) = L_k on (radius_{k-1}, radius_k], infinite beyond the last radius. L_k may be a
             Lipschitz constant of the drift over the tube of radius_k about the path of q*: q lies in the tube of
