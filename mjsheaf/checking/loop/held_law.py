@@ -312,7 +312,8 @@ class Loop:
         """Return the loop from noise to the error with measurements `delay` (d) periods old.
 
         The state is e_k, ..., e_{k-d}, then the state of the law, then the last d errors of odometry, which are
-        combined with measurements of the same age. The inputs are those of `linear_law.INPUTS` except the position.
+        combined with measurements of the same age. The inputs are those of `linear_law.INPUTS` except the position:
+        errors of eta, of the measurements of feedforward, of odometry in these, and of odometry itself.
 
         Returns:
             M and G of x+ = M x + G w, and the rows from x and w to the command: (L, n, n), (L, n, 4), (L, n + 4).

@@ -245,7 +245,7 @@ class Search:
     def region(
         self,
         *,
-        worth: float = 0.98,  # a region is preferred below this fraction of the weaker bound's radius
+        worth: float = 0.98,  # largest ratio of radii at which the tube is computed again
     ) -> Region:
         """Return the region: a tube to which a bound confines the agents, or a guess if no bound does."""
         if self.constants.path.cells is None:
