@@ -165,10 +165,10 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
 
 
 NEARLY = 1e-3
-"""A direction is barely held when its eigenvalue is at most this much of the largest."""
+"""Fraction of the largest eigenvalue up to which a direction counts as barely held."""
 
 MOST_NEARLY = 3
-"""How many barely held directions are listed."""
+"""Largest number of barely held directions that are listed."""
 
 
 class FreeDirection(Record):
@@ -283,13 +283,13 @@ def held_eigenvalues(team: Team) -> Complex:
 Kind = Literal["sensing", "communication", "anchor", "agent", "link", "target"]
 
 CONNECTED = "agent graph connected"
-"""Broken where agents that were connected no longer are."""
+"""Broken if agents that were connected no longer are."""
 
 SENSED = "every target sensed"
-"""Broken where a target that was sensed no longer is."""
+"""Broken if a target that was sensed no longer is."""
 
 TRIVIAL = "relative cohomology trivial"
-"""Broken where agents have a null mode that they did not have."""
+"""Broken if agents have a null mode that they did not have."""
 
 MOST_CRITICAL = 50
 EXACT_STATES = 200
@@ -307,8 +307,8 @@ class Loss(Record):
 
 
 Single = tuple[Loss, list[int], int | None]
-"""What a loss breaks of CONNECTED and SENSED, which takes no linear algebra and is exact at any size; the edges that
-are lost, by their places in the sheaf's order; and the number of the agent that is."""
+"""A loss with its effect on CONNECTED and SENSED, which needs no linear algebra and is exact at any size; the lost
+edges, by their indices in the sheaf's order; and the number of the lost agent, or None."""
 
 KindOfEdge = tuple[Kind | None, Edge]
 

@@ -36,7 +36,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 
 MAX_VEHICLE_STEPS = 100_000_000
-"""Largest number of vehicles times physics steps of a trial; of a larger mission the beginning is tried."""
+"""Largest number of vehicles times physics steps of a trial; for a larger mission, only the beginning is tried."""
 
 _MAX_JUDGED = 1_000_000  # agents times samples that are judged; more are thinned evenly
 _JUDGED = (

@@ -42,7 +42,7 @@ from mjsheaf.team import Team
 _PREFIX = "Term_"
 _MAX_MEMORY = 1000  # numbers that a term may store for each agent
 SHIPPED = tuple(Terms.model_fields)
-"""Names that terms of mjsheaf have."""
+"""Names of the terms that come with mjsheaf."""
 
 Term = Callable[[Array, Array, Array, Array, float], None]
 """Called with (residual (3,), m; command (3,), m/s; memory (m,); parameters (p,); period, s), to write to command and

@@ -52,7 +52,7 @@ from mjsheaf.team import Team
 from mjsheaf.team.links import Link, LinkModel, Links, RoundLink, model_of, whole_periods
 
 NEWTON, FEEDFORWARD = 0, 1
-"""Whose rounds they are."""
+"""Terms with rounds; indices of their messages in `RoundMemory`."""
 
 _WEIGHT = 0.9  # w
 _COUNT = 2**20  # random numbers of rounds are counted from here on within a sample: apart from those of measurements

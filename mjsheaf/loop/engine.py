@@ -38,7 +38,7 @@ def samples_in_piece(system: System, *, numbers: int = 2**16) -> int:
 
 
 READERS: dict[str, tuple[Any, int]] = {}
-"""Compiled functions that read what only the loop knows, by name, and how many numbers each writes.
+"""Compiled functions that read quantities available only in the loop, by name, with how many numbers each writes.
 
 `read(run, memory, v, out)` is called for vehicle v at every sample: `run` is the Loop on bodies and the Integrator on
 ideal kinematics, `memory` is the law's. See `results.dataset.Samples.recorded`.
@@ -251,7 +251,7 @@ def blow_up_message(
 
 
 Commanded = bool | Literal["thrust"]
-"""True if velocities from outside take the place of the agents' law, 'thrust' if commands of actuators do."""
+"""True if velocities from outside replace the agents' law, 'thrust' if actuator commands replace law and autopilot."""
 
 Progress = Callable[[int, int], None]
 """Called with (samples done, samples in all)."""

@@ -40,15 +40,15 @@ from mjsheaf.media.medium import (
 from mjsheaf.vehicles.actuators import ANGLE
 
 HUGE = 1e10
-"""Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
+"""Magnitude above which a number of the state is bad, as in MuJoCo (mjMAXVAL)."""
 
 NEVER = int(np.iinfo(np.int64).max)
-"""Time at which a vehicle was bad that was not; see `Fused._bad`."""
+"""Value in `Fused._bad` for a vehicle that did not become bad."""
 
 _MOVING = ("steps", "qpos", "qvel", "ctrl", "act")  # fields of a State that another law leaves as they are
 
 AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
-"""Codes of what commands the actuators of a vehicle: its autopilot, nothing, or the caller, who writes `State.ctrl`."""
+"""Source of a vehicle's actuator commands: its autopilot, none, or the caller, who writes `State.ctrl`."""
 
 
 class Params(NamedTuple):
@@ -136,7 +136,7 @@ class Loop(NamedTuple):
 
 
 Bodies = tuple[Array, Array, Array, Array]
-"""Arrays of what moves the bodies: qpos, qvel, ctrl and act of a `State`."""
+"""Arrays of an engine: qpos, qvel, ctrl and act of a `State`."""
 
 
 @inline_jit

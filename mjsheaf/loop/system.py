@@ -68,7 +68,7 @@ _MOST_EIGENVALUES = 600  # of a matrix whose eigenvalues are all found
 _STOP = 0.01  # s; resolution of the responses of vehicles under a continuous law
 
 STILL = "still"
-"""Name of a flow field that is at rest, whatever else moves."""
+"""Name of the flow field at rest."""
 
 DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
 """Vehicle of an agent or target of each dimension unless the scenario names another; it takes any effects and tau."""

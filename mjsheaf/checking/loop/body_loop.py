@@ -248,10 +248,10 @@ def mean_medium(
 
 
 LARGEST_WHOLE = 400
-"""Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
+"""Largest number of coupled states for which the matrix of a team of different vehicles is solved."""
 
 NEUTRAL_RATE = 1e-5
-"""1/s: rates below it are the rounding of neutral directions."""
+"""Rate below which a direction is neutral up to rounding, 1/s."""
 
 _SHOWN = 0.2  # fraction of a displacement that a mode must have for its damping to count
 

@@ -74,7 +74,7 @@ MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
 
 WIND_ON_TARGETS = "the drift of targets in the wind"
-"""What a prediction leaves out where wind moves q*: then it foresees no error."""
+"""Entry of `leaves_out` if wind moves q*; the prediction is then not used."""
 
 
 class SteadyError(Record):

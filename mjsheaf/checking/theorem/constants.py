@@ -58,7 +58,7 @@ _MOST_NUMBERS = 8_000_000  # of f_B over cells that were cut
 _ROUNDING = 1e-9
 _MOST_SPANS = 32  # of time
 FARTHEST = 1e12
-"""m: a box of this size stands for the whole space."""
+"""Size of a box that stands for the whole space, m."""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ from mjsheaf.media.waves import WaveArrays
 from mjsheaf.section import Finite, Record
 
 MOST_STEPS = 1_500_000
-"""Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
+"""Largest product of integrator steps and targets; a path that needs more counts as unknown."""
 
 _DENSE = 200_000  # largest number of entries of K = H^-1 B that is stored as a matrix
 _MOST_NUMBERS = 4_000_000  # of stored harmonic extensions, and of samples stored for comparison with a run
