@@ -2,9 +2,9 @@
 Keep a shape by distances or directions
 =======================================
 
-Three boats without targets keep a triangle. ``check`` says whether the edges hold its shape, and
-how fast errors fall near it: by 1.5 k1 under distances. Directions leave the size free, and the
-rate is 1.5 k1 over the side that results.
+Three boats without targets keep a triangle. ``check`` says whether the edges determine its shape,
+and at which rate errors decay near it. With distances, the rate is 1.5 k1. Directions leave the
+size of the triangle free, and the rate is 1.5 k1 divided by the side that results.
 """
 
 import matplotlib.pyplot as plt

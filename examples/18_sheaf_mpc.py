@@ -2,14 +2,15 @@
 Model predictive control over a sheaf
 =====================================
 
-Hanks, Riess, Cohen, Gross, Hale and Fairbanks (`arXiv 2504.02049 <https://arxiv.org/abs/2504.02049>`_) let agents plan
-ahead and agree over a sheaf by ADMM. Here that is a law in Python: it repeats the three runs which the authors
-published with their package, on points and, as the fourth picture shows, on boats in MuJoCo.
+In the method of Hanks, Riess, Cohen, Gross, Hale and Fairbanks (`arXiv 2504.02049
+<https://arxiv.org/abs/2504.02049>`_), agents plan ahead and agree over a sheaf by ADMM. Here it is a law in Python. It
+repeats the three runs that the authors published with their package, on points and, in the fourth picture, on boats in
+MuJoCo.
 
-The state of an agent is (x, vx, y, vy). At every sample, each plans inputs, accelerations within 2 m/s^2, for its own
-objective and for an end of its plan that agrees with its neighbours'. The ends are projected on the states whose edges
-differ by their offsets: on the nearest global section, which is that of the origin and the part of the ends in H^0. The
-law keeps the planned velocity and commands it.
+The state of an agent is (x, vx, y, vy). At every sample, each agent plans accelerations within 2 m/s^2, for its own
+objective and for a final state that agrees with those of its neighbours. The final states are projected onto the states
+whose differences along edges are the offsets. This is the nearest global section: that of the origin plus the component
+of the final states in H^0. The law stores the planned velocity and commands it.
 """
 
 import json

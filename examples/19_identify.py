@@ -2,10 +2,10 @@
 Parameters from a log
 =====================
 
-How much thrust, drag and lag has a vehicle? An X500 flies and an Otter sails a test with commands that change often.
-From the log, with 0.1 m of noise on positions, a model of each is fitted: commands and attitude give the force, and
-the force where it goes. The fit says how sure it is. Its intervals hold the truth, which the vehicles' files have, in
-19 of 20 cases; a few drawings of the noise show it.
+Estimate thrust, drag and lag of a vehicle. An X500 and an Otter run a test with commands that change often. A model of
+each is fitted to the log, with 0.1 m of noise on positions: commands and attitude give the force, and the force gives
+the path. The fit also gives confidence intervals. They contain the true values, those of the vehicles' files, in 19 of
+20 cases, as a few repetitions with other noise show.
 """
 
 import matplotlib.pyplot as plt
@@ -73,17 +73,17 @@ def travelled(parameters, commands, R, swing, mass, period, gravity):
 
 
 class Model:
-    """Where a vehicle goes that has this log, for parameters k, lag, drag along x and y, drag along z.
+    """Path of a vehicle under a log's commands and attitudes, for parameters k, lag, drag along x and y, along z.
 
-    All mass and the added mass along x are known. A boat's height is, too: it floats.
+    The mass and the added mass along x are known, and so is the height of a boat, because it floats.
     """
 
     def __init__(self, vehicle, log, period):
         mass = vehicle.mass + vehicle.added_mass[0]
         self.axes, gravity = ([0], 0.0) if vehicle.dimension == 2 else ([0, 1, 2], 9.81)
         R = Rotation.from_quat(log[:, 3:7], scalar_first=True).as_matrix()  # body to world
-        # The log is of the body's origin, at which drag acts. Its mass moves as the centre of mass does, which is
-        # elsewhere, and swings about the origin.
+        # The log has positions of the body's origin, where drag acts. The equations of motion are those of the centre
+        # of mass, which turns about the origin.
         self.lever = R @ (vehicle.centre_of_mass * vehicle.mass / mass)
         swing = np.diff(self.lever, axis=0, prepend=self.lever[:1]) / period
         commands = log[:, 7].copy()

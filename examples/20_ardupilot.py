@@ -2,17 +2,18 @@
 Under ArduPilot
 ===============
 
-Two copters and a boat of one scenario under autopilots of their own. `ArduPilot's JSON interface
+Two copters and a boat of one scenario, each with its own autopilot. `ArduPilot's JSON interface
 <https://github.com/ArduPilot/ardupilot/tree/master/libraries/SITL/examples/JSON>`_ sends the PWM of 16 or 32 outputs in
-a UDP datagram and waits for the state of the vehicle. ``Bridge`` answers it: it takes one control period of the whole
-team once every autopilot has sent its next frame, on loopback. A frame that comes twice gets the same answer, so
-nothing depends on what the network loses, repeats or delays.
+a UDP datagram and waits for the state of the vehicle. ``Bridge`` replies to it. Once every autopilot has sent its next
+frame, on loopback, it advances the whole team by one control period. A frame that arrives twice gets the same reply, so
+the result does not depend on lost, repeated or delayed datagrams.
 
-Where ArduPilot is not installed, ``StandIn`` speaks its part, as below. For ArduPilot itself, start
+If ArduPilot is not installed, ``StandIn`` takes its place, as below. For ArduPilot itself, start
 ``Bridge(scenario).serve(3600.0)``, and for vehicle k ``sim_vehicle.py -v ArduCopter -I k --model JSON:127.0.0.1``, or
-``-v Rover``: instance k sends to port 9002 + 10 k. Set ``MOT_THST_EXPO`` to 0, as thrust is proportional to PWM here,
-and of the boat ``SERVO1_FUNCTION`` to 73 and ``SERVO3_FUNCTION`` to 74, its propellers. A copter waits on a stand
-where it begins until its rotors first carry it, as an autopilot takes a minute to start. There is no ground to land on.
+``-v Rover``: instance k sends to port 9002 + 10 k. Set ``MOT_THST_EXPO`` to 0, because thrust is proportional to PWM
+here. For the boat, set ``SERVO1_FUNCTION`` to 73 and ``SERVO3_FUNCTION`` to 74, its propellers. An autopilot takes a
+minute to start, so a copter rests on a stand at its initial position until its rotors first lift it. There is no ground
+to land on.
 """
 
 import json
@@ -166,9 +167,9 @@ class Bridge:
 
 
 class StandIn(threading.Thread):
-    """An autopilot that speaks as ArduPilot does, and brings its vehicle to a place, (north, east, down) m.
+    """An autopilot with ArduPilot's JSON interface, which brings its vehicle to a place, (north, east, down) m.
 
-    It sends a frame again until it is answered, sooner than ArduPilot, which waits ten seconds.
+    It repeats a frame until it receives a reply, sooner than ArduPilot, which waits ten seconds.
     """
 
     def __init__(self, port, place, end, copter=True):

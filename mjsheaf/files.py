@@ -325,7 +325,7 @@ def _fault(problem: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
 class _Loader(yaml.SafeLoader):
     """YAML's safe loader, which executes nothing, with plain values read as in YAML 1.2.
 
-    PyYAML implements YAML 1.1, in which 010 is eight, 1:30 is ninety, `no` is false, and 1e-3 is text. This loader
+    PyYAML implements YAML 1.1, where 010 is eight, 1:30 is ninety, `no` is false, and 1e-3 is text. This loader
     refuses duplicate keys, tags, anchors and aliases (which let a short file expand without limit), and deep nesting.
     """
 

@@ -59,7 +59,7 @@ from mjsheaf.threads import one_thread
 
 @dataclass(frozen=True)
 class Examination:
-    """A check with what it was made from."""
+    """A check with its certificate and its system."""
 
     record: CheckRecord
     certificate: Certificate
@@ -67,7 +67,7 @@ class Examination:
 
     @cached_property
     def end(self) -> float:
-        """The smallest bound on |e| at the end of the system's time, m; infinite where there is none."""
+        """Smallest bound on |e| at the end of the system's time, m; infinite if there is none."""
         certificate, system = self.certificate, self.system
         found = [certificate.at_end(system.grid.period * system.grid.steps)]
         if not system.law.extended:
@@ -92,7 +92,7 @@ def examine_scenario(
 def examine(
     run: System | Sequence[Phase], *, rate: float | None = None, radius: float = 1.0, rho: Rho | None = None
 ) -> Examination:
-    """`check` of a system, or of the phases of a run, as a typed record with the certificate of the first."""
+    """Analyse a system, or the phases of a run; return a typed record with the certificate of the first."""
     if rate is not None:
         require_number("rate", rate, positive=True)
     require_number("radius", radius, positive=True)
@@ -112,14 +112,14 @@ def examine(
         q_star = new.team.harmonic_extension(np.concatenate([began, targets]))
         jump = np.linalg.norm(q_star - settled, axis=1)
         jumps = {id: float(x) for id, x in zip(old.team.agent_ids, jump, strict=True) if np.isfinite(x)}
-        # |q* - q| of each agent that joins; infinite where q is not known.
+        # |q* - q| of each agent that joins; infinite if q is not known.
         away = np.linalg.norm(q_star - began, axis=1)
         joining = np.flatnonzero(new.team.present & ~old.team.present)
         stayed = [all(_stays(earlier.system, int(i)) for earlier in phases[:k]) for i in joining]
         beyond = beyond or bool(old.law.extended or before.record.law.unmodelled)
         known = new.law.extended or not beyond
         start = before.end + math.hypot(*jumps.values(), *away[joining]) if known and all(stayed) else math.inf
-        # The team before came to rest; joining vehicles are where they began.
+        # The previous team is assumed to have come to rest; joining vehicles are at their initial positions.
         system = during(phases, k, np.concatenate([np.where(np.isnan(settled), began, settled), targets]))
         before = _examine_one(system, rate, radius, rho, start + _carried_error(system, path.error))
         records.append(_phase_record(phase, before.record, jumps))
@@ -127,7 +127,7 @@ def examine(
     for record in records[1:]:
         since = f"from {record.start:g} s on ({', '.join(record.events)})"
         for problem in record.problems:
-            # A field of the scenario is that of the first phase; later ones have what events made of it.
+            # Fields of the scenario are those of the first phase; in later ones, events have changed them.
             fix = f"from then on, {problem.fix}" if problem.fix else ""
             problems.append(
                 problem.model_copy(
@@ -190,7 +190,7 @@ def _carried_error(system: System, error: float) -> float:
 def _examine_one(
     system: System, rate: float | None, radius: float, rho: Rho | None, start: float | None = None
 ) -> Examination:
-    """`check` of one phase, whose |e(t0)| in m is at most `start`; None takes that of the initial positions."""
+    """Analyse one phase, whose |e(t0)| is at most `start`, m; None uses that of the initial positions."""
     original = system.team.remaining
     system = system.local
     search = Search(system, rate, rho, start)
@@ -313,20 +313,20 @@ def propose(
 ) -> list[Proposal]:
     """Find the cheapest of each kind of law whose bound is at most the radius: the smallest gain, then fewest rounds.
 
-    The kinds are the paper's law; feedforward; Newton's direction too; drift and extrapolation too. None is proposed
-    where nothing can be decided, where links are not exact, or where the run is long.
+    The kinds are the paper's law, then with feedforward, then also with Newton's direction, then also with drift and
+    extrapolation. The list is empty if the law is undecided, if links are not exact, or if the run is long.
 
     Args:
         system: System under its law.
         certificate: Its certificate.
         radius: Desired bound on |e|, m.
-        gains: Gains that are tried, times the scenario's.
-        rounds: Rounds of exchange that are tried.
-        filtering: Filter of the drift's observer, s.
-        most: Largest number of samples times states.
+        gains: Gains that are tried, as multiples of the scenario's.
+        rounds: Numbers of rounds that are tried.
+        filtering: Time constant of the observer's filter, s.
+        most: Largest product of samples and states.
     """
     try:
-        loop_of(system)  # where it is undecided, as with rounds that can be delayed or lost, so are its variants
+        loop_of(system)  # if it is undecided, as with rounds that can be delayed or lost, so are its variants
     except UndecidedError:
         return []
     if (
@@ -352,7 +352,7 @@ def propose(
             own[: len(system.team.agents)] = gain
             packed = [pack_terms(each, system.team, system.grid.period) for each in terms]
             laws = [replace(system, gain=gain, law=system.law._replace(gain=own, terms=each)) for each in packed]
-            # More rounds leave less, or nearly so: the first number that does it is found by halves.
+            # More rounds leave a smaller error, or nearly so: bisection finds the first number that suffices.
             first = bisect_left(laws, True, key=lambda law: _keeps(law, certificate, radius))
             if first == len(laws):
                 continue
@@ -422,8 +422,8 @@ def check(
         scenario: Scenario returned by `load_scenario`.
         rate: Rate lambda_V, 1/s; None selects the best.
         radius: Desired ultimate radius of |e|, m; the smallest gain and other laws that reach it are reported.
-        rho: |f_q(q*) - f_q(q)| <= rho(|e|) |e|, as the caller claims: a number, coefficients c_0, c_1, ... of a
-            polynomial, pairs (radius, value) or a function; None takes the flow's largest slope over the region.
+        rho: User's bound |f_q(q*) - f_q(q)| <= rho(|e|) |e|: a number, coefficients c_0, c_1, ... of a polynomial,
+            pairs (radius, value) or a function; None uses the flow's largest slope over the region.
         trial: True to run the mission once on bodies at the end, False to analyse it only.
         progress: True shows a bar on a terminal or in a notebook, False and None nothing.
 
@@ -432,7 +432,7 @@ def check(
         in a notebook, as what `mjsheaf check` prints.
 
     Raises:
-        InputError: rate or radius is not positive, rho is no bound, or a vehicle does not fit its agent.
+        InputError: rate or radius is not positive, rho is not a valid bound, or a vehicle does not fit its agent.
     """
     require_scenario(scenario)
     own = None if rho is None else as_rho(rho)
@@ -444,7 +444,7 @@ def check(
 
 
 def untried(record: CheckRecord) -> CheckRecord:
-    """Return the record of an analysis that no trial follows: what only a trial could decide is a problem."""
+    """Return the record of an analysis without a trial: anything that only a trial could decide is a problem."""
     problems = [*record.problems, *untried_of(record)]
     return record.model_copy(update={"problems": problems, "ok": not problems})
 
@@ -487,7 +487,7 @@ def try_out(
 
 
 def _with_own_limits(changes: dict[str, Any], scenario: Scenario) -> dict[str, Any]:
-    """Return changes of fields that also set the velocity limits that agents have of their own."""
+    """Return changes of fields that also set the velocity limits in the entries of agents."""
     limit = changes.get("controller.velocity_limit")
     owners = [agent.id for agent in scenario.agents if agent.velocity_limit is not None]
     if limit is None or not owners:
@@ -529,7 +529,7 @@ def _try_fix(
     scenario: Scenario, problem: Problem, trial: TrialRecord, progress: Callable[[int, int], None] | None
 ) -> TriedFix:
     """Try the mission with a fix; an anchor holds its agent at the coordinate with which it begins."""
-    fields = scenario.model_dump(mode="json", exclude_none=True, exclude={"expect"})  # that is about the unchanged one
+    fields = scenario.model_dump(mode="json", exclude_none=True, exclude={"expect"})  # which is for the unchanged one
     places = dict(zip(scenario.team.index, scenario.system.initial.tolist(), strict=True))
     for kind, entries in problem.additions.items():
         own = fields.setdefault(kind, [])
@@ -549,9 +549,9 @@ def _try_fix(
 
 
 def foreseen_error(record: CheckRecord) -> float | None:
-    """Return the error that the analysis foresees, RMS over agents, m; None if it is not known, as with events.
+    """Return the predicted error, RMS over agents, m; None if it is not known, as with events.
 
-    It is that on ideal kinematics if it is not known on the vehicles.
+    If it is not known on the vehicles, it is that on ideal kinematics.
     """
     unknown = WIND_ON_TARGETS in record.steady.leaves_out or (record.margins.wind and record.steady.bodies is None)
     if len(record.phases) > 1 or unknown:

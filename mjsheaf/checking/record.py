@@ -26,28 +26,28 @@ from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 
 
 class RegionSummary(Record):
-    """Region over which the constants were taken."""
+    """Region over which the constants were computed."""
 
     source: str
     verified: bool = Field(description="whether agents of an unlimited law are proven to stay there; else a guess")
     agents_low: list[float] = Field(description="corner of the box about the agents' region, m")
     agents_high: list[float] = Field(description="opposite corner, m")
-    start: float = Field(description="of the time, s")
-    end: float = Field(description="of the time, s")
-    samples: int = Field(description="cells that cover the targets' path, or instants where it is not known")
+    start: float = Field(description="start of the time, s")
+    end: float = Field(description="end of the time, s")
+    samples: int = Field(description="number of cells that cover the targets' path, or of instants if it is not known")
     path_error: Finite = Field(description="error of the targets' path that the bounds include, m; null: not known")
 
 
 class ExplainedCohomology(RelativeCohomology):
-    """H^0(G, G_p; F), explained, and what would make it trivial."""
+    """H^0(G, G_p; F), explained, and the edges and anchors that would make it trivial."""
 
-    mending: Augmentation | None = Field(description="null where nothing is free")
+    mending: Augmentation | None = Field(description="null if nothing is free")
 
 
 class WeakerBound(Record):
     """The bound with rho = 0 and f_bar enlarged by 2 sqrt(sum_i sup |f_i|^2)."""
 
-    f_bar: Finite = Field(description="so enlarged, m/s")
+    f_bar: Finite = Field(description="f_bar enlarged in this way, m/s")
     radius: Finite = Field(description="ultimate radius of |e|, m")
     radius_per_agent: Finite = Field(description="the same as RMS over agents, radius / sqrt(N), m")
     norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
@@ -57,11 +57,11 @@ class TheoremSummary(Record):
     """Theorem 1, computed."""
 
     holds: bool | None = Field(
-        description="the same as `applies`; null where the theorem is about other teams: with ranges, bearings or "
+        description="the same as `applies`; null if the theorem is about other teams: with ranges, bearings or "
         "directed edges, or without targets"
     )
     applies: bool = Field(
-        description="the gain condition and every numbered assumption hold, and no hold or speed limit is in the way"
+        description="the gain condition and every numbered assumption hold, and no hold or speed limit prevents it"
     )
     gain_condition: bool = Field(
         description="k_min > rho(2 sqrt(mu / lambda_V)) + lambda_V; the targets' path is known"
@@ -74,21 +74,23 @@ class TheoremSummary(Record):
     sigma_max_B: float = Field(description="largest singular value of B")
     omega_bar: Finite = Field(description="bound on the effect of disturbances, m/s")
     f_bar: Finite = Field(description="bound on |H^-1 B f_p - f_q(q*)| along the targets' path, m/s")
-    rho: Finite = Field(description="constant Lipschitz bound, 1/s; of a user's rho its value at the initial error")
+    rho: Finite = Field(description="constant Lipschitz bound, 1/s; for a user's rho, its value at the initial error")
     rho_seen: Finite = Field(description="largest slope found, 1/s")
     rho_source: str
     lambda_V: Finite = Field(description="rate, 1/s; the best one unless given")
     lambda_V_given: bool = Field(description="lambda_V is the caller's, not the best one")
     k_min: float = Field(description="k1 lambda_min / 2, 1/s")
     mu: Finite = Field(description="(f_bar + omega_bar)^2 / (2 k1 lambda_min), m^2/s")
-    chi: Finite = Field(description="radius of D, m; null where it is infinite: rho is constant over the region")
-    chi_infinite: bool | None = Field(description="D is the whole space; null where the gain condition fails")
-    radius_D: Finite = Field(description="of the set that is never left, m; null: the whole space, or none")
-    radius_S: Finite = Field(description="of the set in which an error may begin, m; null: the whole space, or none")
-    radius_U: Finite = Field(description="ultimate radius of |e|, m; null where the condition fails")
+    chi: Finite = Field(description="radius of D, m; null if it is infinite: rho is constant over the region")
+    chi_infinite: bool | None = Field(description="D is the whole space; null if the gain condition fails")
+    radius_D: Finite = Field(description="radius of the set that is never left, m; null: the whole space, or none")
+    radius_S: Finite = Field(
+        description="radius of the set in which an error may begin, m; null: the whole space, or none"
+    )
+    radius_U: Finite = Field(description="ultimate radius of |e|, m; null if the condition fails")
     initial_error: Finite = Field(
-        description="|e(t0)|, m; of a later phase a bound: that of the phase before at its end, and the jump "
-        "of q*; null where there is none"
+        description="|e(t0)|, m; for a later phase a bound: that at the end of the previous phase plus the jump "
+        "of q*; null if there is none"
     )
     radius_U_per_agent: Finite = Field(description="the same as RMS over agents, radius_U / sqrt(N), m")
     initial_error_per_agent: Finite = Field(description="initial error as RMS over agents, m")
@@ -96,8 +98,8 @@ class TheoremSummary(Record):
     initial_error_inside_S: bool | None = Field(description="the error begins in S; null: there is no S")
     wanted_radius: float = Field(description="desired bound on |e|, the norm of the whole team, m")
     gain_for_wanted_radius: Finite = Field(
-        description="smallest k1 that was found at which the theorem applies with that radius, in its own region and "
-        "from the initial error as here, 1/s; null: see its reason"
+        description="smallest k1 found at which the theorem applies with that radius, over the region of that gain and "
+        "from the same initial error, 1/s; null: see its reason"
     )
     gain_for_wanted_radius_reason: str = Field(description="why there is no such gain, or empty")
     weaker: WeakerBound
@@ -107,12 +109,12 @@ class Proposal(Record):
     """A law whose bound on ideal kinematics is at most the desired radius, and its cost."""
 
     controller: dict[str, object] = Field(
-        description="fields of the scenario's controller to set; null takes a term away, others stay as they are"
+        description="fields of the scenario's controller to set; null removes a term, other fields are unchanged"
     )
-    bound: float = Field(description="on |e| at samples of the second half, without speed limits, m")
+    bound: float = Field(description="bound on |e| at samples of the second half, without speed limits, m")
     bound_per_agent: float = Field(description="`bound` as RMS over agents, bound / sqrt(N), m")
     norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
-    certified: bool = Field(description="no speed limit can be met, so that the bound is the run's")
+    certified: bool = Field(description="no speed limit can be reached, so the bound holds for the run")
     command: Finite = Field(description="bound on each agent's command over the second half, m/s")
     stable_on_bodies: bool | None = Field(description="the loop of the real vehicles is stable too; null: undecided")
     exchanges: float = Field(description="rounds of exchange a second")
@@ -124,8 +126,8 @@ class TriedFix(Record):
     """A fix that was tried on bodies."""
 
     ok: bool = Field(description="nothing failed")
-    tracking_error: Finite = Field(description="with it, RMS over agents and the second half, m; null: none")
-    without: Finite = Field(description="the same without it, m; null: none")
+    tracking_error: Finite = Field(description="error with the fix, RMS over agents and the second half, m; null: none")
+    without: Finite = Field(description="error without the fix, m; null: none")
     problem: str = Field(description="what still failed, or empty")
 
 
@@ -158,18 +160,18 @@ class PartRecord(Record):
     problems: list[Problem] = Field([], description="why the analysis is not ok, each with a fix")
     assumptions: list[Assumption]
     relative_cohomology: ExplainedCohomology
-    theorem: TheoremSummary = Field(description="of the paper's law, whatever terms the scenario's has")
+    theorem: TheoremSummary = Field(description="Theorem 1 for the paper's law, without the terms of the scenario's")
     law: LawLoop
-    links: LinkRecord | None = Field(description="what links do to the law; null without a held law")
+    links: LinkRecord | None = Field(description="effects of links on the law; null without a held law")
     targets: TargetsLoop = Field(description="the targets' own law, on ideal kinematics and on their vehicles")
     margins: Margins
-    rigidity: Rigidity = Field(description="of the communication edges, linearised at q*")
+    rigidity: Rigidity = Field(description="rigidity of the communication edges, linearised at q*")
     safety: SafetyRecord | None = Field(
-        description="what keeps vehicles apart, null without it; with it, what is said of the law and of loops is "
-        "about the team while the filter does not act"
+        description="safety filter, null without one; with one, results about the law and about loops are for the team "
+        "while the filter does not act"
     )
     disturbance: DisturbanceRecord
-    fragility: Fragility = Field(description="which single event more breaks an assumption")
+    fragility: Fragility = Field(description="single losses that break an assumption")
     topology_fix: str = Field(
         description="edges that would make assumption 5 hold, the shortest ones; empty if it holds"
     )
@@ -179,26 +181,26 @@ class PartRecord(Record):
 class PhaseRecord(PartRecord):
     """A check of one phase of a run with events, of the present agents alone and the time until the next event.
 
-    Its |e(t0)| is at most the smallest bound of the phase before at its end, and the jump of q* more. An agent that
-    joins adds its distance from q*, if it is proven to have stayed where it began: it has held its position from the
-    start of the run, and the medium there is never faster than its velocity limit. No bound is claimed where an agent
-    joins that was lost, drifts or may have been carried off, where the phase before leaves none, nor where the
-    paper's law follows one with terms. What is asked at the start (`margins.speed`) is as if the phase before had come
-    to rest.
+    Its |e(t0)| is at most the smallest bound at the end of the previous phase plus the jump of q*. An agent that joins
+    adds its distance from q*, if it is proven to have stayed at its initial position: it has held its position from the
+    start of the run, and the medium there is never faster than its velocity limit. There is no bound if an agent joins
+    that was lost, drifts or may have been carried off, if the previous phase has none, or if the paper's law follows
+    one with terms. Required speeds at the start (`margins.speed`) assume that the team had come to rest in the previous
+    phase.
     """
 
-    start: float = Field(description="s")
-    events: list[str] = Field(description="what happens there")
-    absent: list[str] = Field(description="agents that are lost or have yet to join")
+    start: float = Field(description="start of the phase, s")
+    events: list[str] = Field(description="events at its start")
+    absent: list[str] = Field(description="agents that are lost or have not joined yet")
     jump: Finite = Field(description="|q*_new - q*_old| at its start, of the agents present before and after, m")
     norm: Norm = Field(TEAM_NORM, description="which norm `jump` is")
-    jumps: dict[str, Finite] = Field(description="the same of each of these agents, m")
+    jumps: dict[str, Finite] = Field(description="the same for each of these agents, m")
 
 
 class CheckRecord(PartRecord):
-    """A check of a scenario; of a run with events it is about the first phase, and `phases` about each of them.
+    """A check of a scenario; for a run with events it is that of the first phase, and `phases` has each of them.
 
-    `ok` and `problems` are about all phases, and `ok` about the trial too.
+    `ok` and `problems` cover all phases, and `ok` also the trial.
     """
 
     scenario: str
@@ -207,10 +209,12 @@ class CheckRecord(PartRecord):
     proposals: list[Proposal] = Field(
         description="laws whose bound is at most the desired radius, the cheapest of each kind"
     )
-    phases: list[PhaseRecord] = Field(default_factory=list, description="of a run with events, the first included")
-    trial: TrialRecord | None = Field(None, description="the mission, tried on bodies; null where it was not tried")
+    phases: list[PhaseRecord] = Field(
+        default_factory=list, description="phases of a run with events, including the first"
+    )
+    trial: TrialRecord | None = Field(None, description="trial of the mission on bodies; null if it was not tried")
     drifts: dict[str, float] = Field(
-        {}, description="how far the flow carries each target that nothing holds by the end of the run, m"
+        {}, description="distance by which the flow carries each target that nothing holds until the end of the run, m"
     )
     notes: list[str] = Field(
         default_factory=list, description="values in the files that look like mistakes, in sentences"
@@ -234,7 +238,7 @@ def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
 
     Args:
         part: Record of the analysis.
-        stable: True if the law is known to be stable; it counts for teams that Theorem 1 is not about.
+        stable: True if the law is known to be stable; used for teams to which Theorem 1 does not apply.
     """
     return [
         *_of_assumptions(part),
@@ -246,10 +250,10 @@ def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
 
 
 def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) -> list[Problem]:
-    """Return what the analysis leaves undecided and a trial decides.
+    """Return the problems that the analysis leaves undecided and a trial decides.
 
-    That is the loop of boats that have no linear model, and of slow vehicles over links that delay or lose much: more
-    than by the largest phase at the crossover, rad.
+    These are loops of boats without a linear model, and of slow vehicles over links whose delays and losses give a
+    phase at the crossover above `largest`, rad.
     """
     parts: list[PartRecord] = [record, *record.phases]
     for part in parts:
@@ -267,14 +271,14 @@ def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) ->
 
 
 def reasons_of(record: CheckRecord) -> list[str]:
-    """Return why a check is not ok, in sentences; a refused run adds nothing to what the analysis found."""
+    """Return why a check is not ok, in sentences; the refusal of a run adds nothing to the problems of the analysis."""
     found = [str(problem) for problem in record.problems]
     tried = [] if record.trial is None else record.trial.problems
     return found + [problem.text for problem in tried if not (found and problem.kind == "refused")]
 
 
 def describe_tried(problem: Problem) -> str:
-    """Return what came of trying a fix, in a sentence; empty without a fix."""
+    """Return the result of trying a fix, in a sentence; empty without a fix."""
     tried = problem.tried
     if tried is None:
         return "(Not tried.)" if problem.fix else ""
@@ -312,7 +316,7 @@ def headline(record: CheckRecord) -> str:
 
 
 def _of_assumptions(part: PartRecord) -> Iterator[Problem]:
-    """Yield the assumptions that do not hold; of a team that Theorem 1 is not about, those on topology."""
+    """Yield the assumptions that do not hold; if Theorem 1 does not apply to a team, only those on topology."""
     for a in part.assumptions:
         if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6)):
             word = "fails" if a.verdict == "fails" else "is undecided"
@@ -336,7 +340,7 @@ def _of_assumptions(part: PartRecord) -> Iterator[Problem]:
 
 
 def _of_shape(part: PartRecord, *, stable: bool) -> Iterator[Problem]:
-    """Yield why a team that Theorem 1 is not about does not, or may not, hold its shape."""
+    """Yield why a team to which Theorem 1 does not apply does not, or may not, keep its shape."""
     shape = part.rigidity
     if shape.localizable is None and shape.rigid is not True:
         why = (
@@ -402,7 +406,7 @@ def _of_loops(
 
 
 def _of_gain(kind: str, what: str, why: str = "", gain: float | None = None, another: str = "") -> Problem:
-    """Return a problem that a gain in 1/s removes, None where it is not known, or another change."""
+    """Return a problem that a gain, 1/s, None if it is not known, or another change removes."""
     changes = {} if gain is None else {"controller.gain": _round(gain)}
     fix = describe_changes(changes) if changes else "lower controller.gain"
     return Problem(kind=kind, what=what, why=why, fix=fix + another, changes=changes)
@@ -416,7 +420,7 @@ def describe_changes(changes: Mapping[str, float]) -> str:
 
 
 def _late_phase(part: PartRecord, tau: float) -> float:
-    """Return by how much delay and inertia turn the fastest mode at its crossover, rad; 0 where it is not known.
+    """Return the phase lag of delay and inertia at the crossover of the fastest mode, rad; 0 if it is not known.
 
     Of vehicles that follow a command with the time constant tau, s, the loop k1 lambda e^(-s d) / (s (1 + tau s)) has
     the gain 1 at omega^2 = (sqrt(1 + 4 tau^2 k1^2 lambda^2) - 1) / (2 tau^2). It is stable if atan(omega tau) + omega d
@@ -439,7 +443,7 @@ def _round(gain: float) -> float:
 
 
 def _of_speeds(part: PartRecord) -> Iterator[Problem]:
-    """Yield that agents fall behind their places, as their vehicles or their velocity limits are too slow."""
+    """Yield the problems of agents that fall behind their places because they are too slow."""
     falling = part.margins.falling
     if falling:
         names = listed(falling)
@@ -471,9 +475,9 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
 
 
 def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
-    """Yield that some agents are slower than their places to the end: by their vehicles, or by velocity limits.
+    """Yield the problem of agents that stay behind their places, because of their vehicles or their velocity limits.
 
-    An agent that is no farther behind than `deficit`, m, counts as keeping up.
+    An agent that is at most `deficit`, m, behind counts as keeping up.
     """
     for limited in (False, True):
         alike = [demand for demand in part.margins.speed if demand.limited == limited]
@@ -498,9 +502,9 @@ def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
 
 
 def _of_room(safety: SafetyRecord, period: float) -> Iterator[Problem]:
-    """Yield that the formation leaves less room than the safety filter keeps, at most samples.
+    """Yield the problem of a formation whose places are closer than the safety filter keeps, at most samples.
 
-    While it changes, places that are too close at any sample count: vehicles would meet there.
+    While the formation changes, places that are too close at any sample count, because vehicles would meet there.
 
     A rate is proposed up to the inverse of the control period in s, beyond which nothing is guaranteed.
     """

@@ -1,9 +1,9 @@
-"""Edges and anchors that hold what a team leaves free, the fewest that are found, and of those the nearest.
+"""Edges and anchors that remove the free directions of a team: the fewest that are found, and of those the nearest.
 
-Three things may be free: directions of the relative cohomology (`plan_augmentation`), flexes of a formation
-(`plan_bracing`), and parts of the agents' graph or targets that no edge reaches (`suggest_edges`). In the first two a
-candidate with rows C holds the row space of C T in the r free directions T, and the search is for the fewest subspaces
-whose sum is R^r. With m the largest rank of a candidate, no set of fewer than r / m holds R^r.
+There are three searches: for free directions of the relative cohomology (`plan_augmentation`), for flexes of a
+formation (`plan_bracing`), and for disconnected parts of the agents' graph and targets that are not sensed
+(`suggest_edges`). In the first two, a candidate with rows C holds the row space of C T in the r free directions T. The
+search is for the fewest subspaces whose sum is R^r. If m is the largest rank of a candidate, at least r / m are needed.
 """
 
 import itertools
@@ -37,17 +37,17 @@ _HELD = 1e-9  # eigenvalue above which a sum of projectors holds a direction
 
 
 def hold_greedily(rows: Array, tolerance: float = _HELD) -> tuple[list[int], bool]:
-    """Choose candidates that hold all directions, none of which can be spared.
+    """Choose candidates that hold all directions, none of which is redundant.
 
-    It adds the candidate that holds most further directions, of those one that holds its weakest as well as any, to a
-    tenth, and of those the first.
+    Each step adds the candidate that holds most further directions. Among equal ones, it takes the first whose weakest
+    direction is held as well as by any other, to a tenth.
 
     Args:
         rows: Rows of the candidates on the free directions, of length 1 at most, shape (C, m, r).
         tolerance: Eigenvalue above which a direction is held.
 
     Returns:
-        Numbers of the candidates, none where all together leave something free; and True if no fewer hold everything.
+        Numbers of the candidates, empty if all together leave a direction free; and True if no smaller set holds all.
     """
     r = rows.shape[2]
     left = rows.copy()
@@ -74,12 +74,12 @@ def hold_greedily(rows: Array, tolerance: float = _HELD) -> tuple[list[int], boo
 
 
 def smallest_sets(rows: Array, most: int) -> tuple[list[list[int]], bool]:
-    """Find the smallest sets of candidates that hold all directions, and return True if it is certain that they are.
+    """Find the smallest sets of candidates that hold all directions; also return True if they are proven smallest.
 
     Args:
-        rows: Orthonormal rows of the candidates on the free directions, filled up with zero rows, those of highest rank
-            first, which hold everything together; shape (C, m, r).
-        most: Largest number of sets of one size that are tried one by one; of more a greedy one is found.
+        rows: Orthonormal rows of the candidates on the free directions, padded with zero rows, those of highest rank
+            first, shape (C, m, r). All together hold all directions.
+        most: Largest number of sets of one size that are tried one by one; above it, a greedy set is found.
     """
     r = rows.shape[2]
     rank = np.count_nonzero(rows.any(axis=2), axis=1)
@@ -108,8 +108,8 @@ class Candidate:
     """An edge or anchor that could be added, with inner product I.
 
     Attributes:
-        kind: What it is.
-        agent: Number of the agent, of a link the smaller one.
+        kind: Kind of edge, or an anchor.
+        agent: Number of the agent; for a link, the smaller number.
         end: Number of the other agent or of the target among all vehicles, or of the coordinate that an anchor holds.
     """
 
@@ -127,7 +127,7 @@ class Candidate:
         return Edge(agent.id, end.id, *maps, np.eye(len(maps[0])))
 
     def describe(self, team: Team, linked: Container[tuple[str, str]] = ()) -> str:
-        """Return such as "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2".
+        """Describe it, as in "give A2 an altimeter (anchor along z)", "let A1 talk to A4", "let A3 sense T2".
 
         `linked` holds the pairs of ids, agent before target, that share an edge already.
         """
@@ -151,9 +151,9 @@ class Group(NamedTuple):
     """Candidates that hold the same free directions.
 
     Attributes:
-        rows: Orthonormal basis of the row space of C T, filled up with zero rows, shape (3, r).
-        distance: Distance between the ends of the nearest of them, m. An altimeter counts as near, and a sensor of a
-            position in the plane as far as vehicles are apart at most.
+        rows: Orthonormal basis of the row space of C T, padded with zero rows, shape (3, r).
+        distance: Distance between the ends of the nearest of them, m. An altimeter counts as near, and an absolute
+            position in the plane as the largest distance between vehicles.
         nearest: The nearest of them.
     """
 
@@ -181,7 +181,7 @@ class Augmentation(Record):
         description="true if no smaller set exists among the candidates; else greedy, and no repair is redundant"
     )
     repairs: list[Repair]
-    lambda_min: float = Field(description="of H with all repairs")
+    lambda_min: float = Field(description="smallest eigenvalue of H with all repairs")
 
 
 def plan_augmentation(
@@ -359,7 +359,7 @@ class Bracing(Record):
 
     flexes: list[str] = Field(description="independent motions that change the shape and that no edge measures")
     edges: list[Brace] = Field(
-        description="edges that hold all flexes; empty where no edges of the team's kinds do, as on a line"
+        description="edges that hold all flexes; empty if no edges of the team's kinds do, as on a line"
     )
     exact: bool = Field(description="true if no smaller set of such edges exists; else none of them is redundant")
     rate: Finite = Field(description="slowest decay of the continuous law near the shape with these edges, 1/s")
@@ -385,7 +385,7 @@ def plan_bracing(
     *,
     most: int = 200,
 ) -> Bracing | None:
-    """Find flexes and the edges that hold them; None of a rigid team, and of one that is too large.
+    """Find flexes and the edges that hold them; None for a rigid team, and for one that is too large.
 
     A flex is a motion of the agents that changes the shape and that no communication edge measures to first order.
     Motions that edges of the team's kinds can never measure may be added to it. Candidates are edges between any two
@@ -402,7 +402,7 @@ def plan_bracing(
     """
     if len(positions) > most:
         return None
-    # What D does not measure, across the given motions; all rows have length 1, as the tolerance is relative.
+    # Motions that D does not measure, orthogonal to the given ones; rows have length 1, as the tolerance is relative.
     flexes = linalg.null_space(np.vstack([D, motions.T]), rcond=SOLVED_RANK_TOLERANCE)
     if not flexes.shape[1]:
         return None
@@ -423,9 +423,9 @@ def plan_bracing(
 
 
 def _describe_flexes(team: Team, positions: Array, flexes: Array, motions: Array) -> list[str]:
-    """Describe the flexes with a frame at rest: that of the agent with most edges, and of those nearest to it.
+    """Describe the flexes in the frame of the agent with most edges and of those nearest to it, which is at rest.
 
-    As many coordinates are fixed as there are motions that no edge measures.
+    The number of fixed coordinates is that of the motions that no edge measures.
     """
     owner = team.slots[: len(flexes)] // 3
     ends = [team.index[id] for edge in team.communication for id in (edge.tail, edge.head)]
@@ -516,7 +516,7 @@ class Rigidity(Record):
         description="whether targets and anchors hold every agent's place to first order; null without any"
     )
     rate: Finite = Field(
-        description="k1 times the smallest real part above zero of an eigenvalue of H, 1/s; null where there is none"
+        description="k1 times the smallest real part above zero of an eigenvalue of H, 1/s; null if there is none"
     )
     bracing: Bracing | None = Field(
         None,
@@ -531,7 +531,7 @@ def rigidity_of(system: System, original: Team, *, nothing: float = 1e-9) -> Rig
     Args:
         system: The system; its team is linearised at the shape.
         original: The team that was linearised.
-        nothing: Fraction of a rigid motion that is rounding where edges measure it.
+        nothing: Fraction of a rigid motion below which the measurements of edges are rounding.
     """
     team = system.team
     n = int(team.first_state[-1])

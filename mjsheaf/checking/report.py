@@ -1,6 +1,6 @@
-"""Answer of `mjsheaf check`: one screen with the verdict, each problem with its fix and the numbers that matter.
+"""Output of `mjsheaf check`: one screen with the verdict, each problem with its fix, and the most important numbers.
 
-`--full` prints a page: the answer, then every number of the record under its name in `--json`.
+`--full` prints a page: the screen, then every number of the record under its name in `--json`.
 
 Rows have the names, values and descriptions of the record's fields, so a new field appears by itself. Fields that are
 null or empty are left out, as are sentences about null. A list of records has a row for each of them.
@@ -47,8 +47,8 @@ class _Row(NamedTuple):
     """A field of a record.
 
     Attributes:
-        path: Its name, after those of the records that it is in.
-        lines: Its value; of a list of records one line for each.
+        path: Its name, after those of the records that contain it.
+        lines: Its value; for a list of records, one line for each.
         meaning: Its description.
     """
 
@@ -58,7 +58,7 @@ class _Row(NamedTuple):
 
 
 def report(record: CheckRecord) -> Group:
-    """Return the record as a page for a terminal; of later phases, it has what differs from the phase before."""
+    """Return the record as a page for a terminal; of later phases, only the differences from the previous phase."""
     page = [Text("\n".join(screen(record, whole=True))), *_page(record, {row.path: row for row in _rows(record)}, {})]
     phases = [(phase, {row.path: row for row in _rows(phase)}) for phase in record.phases]
     for (_, before), (phase, rows) in pairwise(phases):
@@ -166,9 +166,9 @@ def screen(
 
     Args:
         record: Record of the check.
-        name: Scenario as the user named it, for a last line on the whole report; None where that is not at hand.
-        pending: True while the mission is being tried: a verdict of OK is still open.
-        whole: True for all of each text, False for what fits on a screen.
+        name: Scenario as the user named it, for a last line on the whole report; None without such a line.
+        pending: True while the mission is being tried, so a verdict of OK is not final.
+        whole: True to print all texts in full, False to fit on a screen.
         most_of_headline: Largest number of lines of the verdict.
         most_notes: Largest number of notes.
     """
@@ -200,7 +200,7 @@ def _numbers(
     *,
     most_drifts: int = 8,
 ) -> Iterator[tuple[str, str]]:
-    """Yield label and text of the rows with the numbers that matter."""
+    """Yield label and text of the rows with the most important numbers."""
     as_if = "" if record.steady.exact_links else ", as if links were exact"
     yield "tracking error", _error(record.steady, as_if)
     if record.disturbance.rms != 0.0:
@@ -243,7 +243,7 @@ def _theorem(theorem: TheoremSummary) -> str:
 
 
 def _trial(trial: TrialRecord) -> str:
-    """Return what came of the trial of the mission."""
+    """Return the result of the trial of the mission."""
     if not trial.seconds:
         return trial.problems[0].text if trial.problems else "not run"
     error = "" if trial.tracking_error is None else f": tracking error {trial.tracking_error:.3g} m"
@@ -272,7 +272,7 @@ def _error(steady: SteadyError, as_if: str) -> str:
 
 
 def _moved(found: DisturbanceRecord) -> str:
-    """Return the error that gusts and waves leave, and which agents cannot hold station."""
+    """Return the error due to gusts and waves, and the agents that cannot hold station."""
     bodies = "not known" if found.rms_on_bodies is None else f"{found.rms_on_bodies:.3g} m"
     text = (
         f"not known: {found.reason}"
@@ -328,7 +328,7 @@ def _better(proposals: list[Proposal], radius: float, as_if: str) -> str:
 
 
 def in_yaml(value: object) -> str:
-    """Return a value as in a scenario file, of a mapping without fields that have their default 0 or false."""
+    """Return a value as in a scenario file; for a mapping, without fields that have their default 0 or false."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {in_yaml(inner)}" for key, inner in value.items() if inner) + "}"
     if isinstance(value, list | tuple):

@@ -9,12 +9,13 @@ vehicle at distance d is n . u >= w (p - gamma (d^2 - D^2) / (2 d)), see `mjshea
 
     d = (s + sqrt(s^2 + gamma^2 D^2)) / gamma,    s = p - n . u / w,
 
-where p bounds the speed at which the other vehicle and the media close in, and w is the agent's weight: 1 towards what
-does not cooperate. s is the closing speed that the filter has to expect. It is p for an agent that commands nothing. An
-agent that holds its place downwind of another vehicle, or follows it, commands a velocity towards it: the filter does
-not count on the other vehicle to keep going, so s is larger. To come as near as d takes gamma = 2 d s / (d^2 - D^2).
+where p bounds the speed at which the other vehicle and the media close in, and w is the agent's weight, which is 1
+towards vehicles and obstacles that do not yield. s is the largest closing speed for the filter. It is p for an agent
+that commands zero velocity. An agent that holds its place downwind of another vehicle, or follows it, commands a
+velocity towards it. The filter does not assume that the other vehicle keeps moving, so s is larger. To come as near as
+d, gamma must be 2 d s / (d^2 - D^2).
 
-If a constraint does not hold at q*, the filter replaces the command there, and q* is no equilibrium of the team.
+If a constraint does not hold at q*, the filter replaces the command there, and q* is not an equilibrium of the team.
 
 All other results of `check` assume that the filter does not act. Bounds on errors are undecided, because they do not
 include the velocities that the filter adds.
@@ -55,9 +56,9 @@ class TooClose(Record):
 
 
 class Standoff(Record):
-    """An agent that the filter keeps farther away than its place in q*, which is not closer than the distance itself.
+    """An agent that the filter keeps farther away than its place in q*, although q* satisfies the distance itself.
 
-    Distances are those at the sample that takes the highest rate.
+    Distances are those at the sample that requires the highest rate.
     """
 
     pair: list[str] = Field(description="ids of the agent, and of the vehicle or obstacle that it is kept away from")
@@ -101,8 +102,8 @@ class SafetyRecord(Record):
         description="addition to the distance for each vehicle on bodies: its stopping distance, m"
     )
     without_margin: list[str] = Field(
-        description="agents with neither a velocity_limit nor a vehicle with a top speed: their margin leaves out how "
-        "far they travel until they stop"
+        description="agents with neither a velocity_limit nor a vehicle with a top speed: their margin does not "
+        "include a stopping distance"
     )
 
 
@@ -145,7 +146,7 @@ def standoffs(
     places: Array,
     most: int = 100,
 ) -> list[Standoff]:
-    """List the pairs whose places do not fit, those that take the highest rate first.
+    """List the pairs whose places do not fit, those that require the highest rate first.
 
     Args:
         system: System whose q* is known over its run.
@@ -154,7 +155,7 @@ def standoffs(
         names: Ids of vehicles and obstacles.
         times: Sample times, shape (T,), s.
         places: Places in q*, and those of the targets, in space, shape (T, V, 3), m.
-        most: Largest number of samples that are looked at; fewer of large teams.
+        most: Largest number of samples that are used; large teams use fewer.
     """
     T, V = places.shape[:2]
     velocity = np.gradient(places, times, axis=0) if T > 1 else np.zeros_like(places)
@@ -284,7 +285,7 @@ def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places:
     """List the pairs of an agent and something else that are too close at some time, the closest first.
 
     Args:
-        safety: What vehicles keep apart.
+        safety: Parameters of the safety filter.
         names: Ids of vehicles and obstacles.
         times: Sample times, shape (T,), s.
         places: Positions in space, shape (T, V, 3), m.
@@ -343,7 +344,7 @@ def _reasons(system: System, safety: SafetyArrays, names: list[str]) -> list[str
 
 
 def _of_speeds(system: System, safety: SafetyArrays, agents: list[int], names: list[str]) -> Iterator[str]:
-    """Yield why agents may not see others in time, or may be slower than what they are to avoid."""
+    """Yield why agents may not detect others in time, or may be slower than vehicles and obstacles to avoid."""
     limit = system.law.limit
     period = 0.0 if system.grid.continuous else system.grid.period
     own = [v for v in agents if np.isfinite(limit[v])]

@@ -1,4 +1,4 @@
-"""Spectrum of H and relative cohomology of a team, and what breaks when a single edge, agent or target is lost.
+"""Spectrum of H and relative cohomology of a team, and the effects of losing a single edge, agent or target.
 
 The spectrum of H sets the speed of the law, and sigma_max(B) how strongly targets pull. Both are computed from
 D = K^{1/2} delta on the agents, with H = D^T D: eigenvalues are squares of singular values of D, so none is negative.
@@ -48,12 +48,12 @@ class Spectrum:
     """Eigenvalues of H (n, n) and the largest singular value of B. The maps have no unit, so neither do these.
 
     Attributes:
-        lambda_min: smallest eigenvalue of H; exactly 0 where the relative cohomology is not trivial.
-        lambda_max: largest eigenvalue of H.
-        sigma_max_B: largest singular value of B; 0 where nothing is sensed.
-        nullity: how many eigenvalues are zero, the dimension of the relative cohomology.
-        smallest: the smallest eigenvalues above zero, ascending, shape (k,).
-        vectors: their orthonormal eigenvectors in the order of the stacked q, shape (n, k).
+        lambda_min: Smallest eigenvalue of H; exactly 0 if the relative cohomology is not trivial.
+        lambda_max: Largest eigenvalue of H.
+        sigma_max_B: Largest singular value of B; 0 if nothing is sensed.
+        nullity: Number of zero eigenvalues, the dimension of the relative cohomology.
+        smallest: Smallest eigenvalues above zero, ascending, shape (k,).
+        vectors: Their orthonormal eigenvectors in the order of the stacked q, shape (n, k).
     """
 
     lambda_min: float
@@ -65,15 +65,15 @@ class Spectrum:
 
 
 def spectrum_of(team: Team, count: int = 6) -> Spectrum:
-    """The spectrum of a team, with `count` of the smallest eigenvalues above zero, fewer where H has fewer.
+    """Compute the spectrum of a team, with `count` of the smallest eigenvalues above zero, or fewer if H has fewer.
 
-    Beyond DENSE_STATES a further copy of a multiple eigenvalue of one component may be missing.
+    Above DENSE_STATES states, a copy of a multiple eigenvalue of one component may be missing.
     """
     known = _spectra.setdefault(team, {})
     if count in known:
         return known[count]
     problem = team.dirichlet
-    if isinstance(problem, StationaryProblem):  # edges do not fit together: real parts where H is not symmetric
+    if isinstance(problem, StationaryProblem):  # edges do not fit together: real parts if H is not symmetric
         nullity = problem.null_basis.shape[1]
         values, every = problem.eigenvectors
         largest = float(values.max(initial=0.0))
@@ -98,7 +98,7 @@ _spectra: WeakKeyDictionary[Team, dict[int, Spectrum]] = WeakKeyDictionary()  # 
 
 
 def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """The coboundary on the agents, rows in the order of the sheaf's edges, columns in that of the stacked q.
+    """Return the coboundary on the agents, rows in the order of the sheaf's edges, columns in that of the stacked q.
 
     Returns:
         delta, shape (m, n), whose null space is the relative cohomology; and D = K^{1/2} delta, (m, n), with H = D^T D.
@@ -108,7 +108,7 @@ def agent_coboundary(team: Team) -> tuple[sparse.csr_array, sparse.csr_array]:
 
 
 def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
-    """Smallest eigenvalue of H = D^T D; exactly 0 where the null space of delta is not trivial."""
+    """Compute the smallest eigenvalue of H = D^T D; exactly 0 if the null space of delta is not trivial."""
     if D.shape[1] <= DENSE_STATES:
         values = np.linalg.eigvalsh((D.T @ D).toarray())
         # Eigenvalues of H are good to about 1e-14 of the largest: these to 1e-8. And delta is then injective, unless
@@ -120,7 +120,7 @@ def smallest_eigenvalue(delta: sparse.csr_array, D: sparse.csr_array) -> float:
 
 
 def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tuple[Array, Array]:
-    """The `count` smallest eigenvalues of D^T D above zero, and their vectors.
+    """Compute the `count` smallest eigenvalues of D^T D above zero, and their vectors.
 
     D has shape (m, n); `null` is an orthonormal basis of the null space of delta, shape (n, r).
     """
@@ -141,7 +141,7 @@ def _above_zero(D: sparse.csr_array, null: sparse.csc_array, count: int) -> tupl
 
 
 def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array, Array]:
-    """The `count` smallest eigenvalues of D^T D off its null space `known`, with orthonormal vectors."""
+    """Compute the `count` smallest eigenvalues of D^T D outside its null space `known`, with orthonormal vectors."""
     gram = D.T @ D
     n, r = known.shape
     if n <= DENSE_STATES:
@@ -165,32 +165,32 @@ def _of_component(D: sparse.csr_array, known: Array, count: int) -> tuple[Array,
 
 
 NEARLY = 1e-3
-"""A direction is barely held when its eigenvalue is at most this much of the largest."""
+"""Fraction of the largest eigenvalue up to which a direction counts as barely held."""
 
 MOST_NEARLY = 3
-"""How many barely held directions are listed."""
+"""Largest number of barely held directions that are listed."""
 
 
 class FreeDirection(Record):
-    """A direction in which agents can drift without any edge or anchor noticing, such as "A3 is free along z"."""
+    """A direction in which agents can drift without effect on any edge or anchor, such as "A3 is free along z"."""
 
     description: str
-    motion: dict[str, list[float]] = Field(description="how each agent moves, largest entry 1; others are left out")
+    motion: dict[str, list[float]] = Field(description="motion of each agent that moves, largest entry 1")
 
 
 class NearNull(Record):
-    """A direction that is barely held: it converges slowly, and a small disturbance moves it far."""
+    """A direction with a small eigenvalue: it converges slowly, and a small disturbance moves it far."""
 
     description: str
-    eigenvalue: float = Field(description="of H")
-    ratio: float = Field(description="to the largest eigenvalue of H")
+    eigenvalue: float = Field(description="eigenvalue of H")
+    ratio: float = Field(description="ratio to the largest eigenvalue of H")
 
 
 class RelativeCohomology(Record):
     """H^0(G, G_p; F), explained."""
 
-    dimension: int = Field(description="0 where the harmonic extension is unique")
-    tolerance: float = Field(description="of singular values that count as zero, relative to the largest")
+    dimension: int = Field(description="0 if the harmonic extension is unique")
+    tolerance: float = Field(description="size of singular values that count as zero, relative to the largest")
     method: str
     basis: list[FreeDirection] = Field(description="one direction for each dimension, few agents in each")
     near_null: list[NearNull] = Field(description=f"eigenvalues up to {NEARLY:g} of the largest, at most {MOST_NEARLY}")
@@ -260,14 +260,14 @@ def eigenvalues_of(team: Team) -> Complex:
 def zero_of(
     team: Team,
     *,
-    zero: float = 1e-9,  # of the largest: an eigenvalue of H that is no more is zero
+    zero: float = 1e-9,  # fraction of the largest eigenvalue of H, up to which one counts as zero
 ) -> float:
     """Return the size of an eigenvalue of H, relative to the largest, up to which it counts as zero."""
     return zero if team.linearised_at is None else FREE_MOTION
 
 
 def held_eigenvalues(team: Team) -> Complex:
-    """Return the eigenvalues of H that decide its loop: without zeros where a team without targets is free to move.
+    """Return the eigenvalues of H that determine the loop, without zeros if a team without targets is free to move.
 
     Raises:
         UndecidedError: H is too large.
@@ -283,13 +283,13 @@ def held_eigenvalues(team: Team) -> Complex:
 Kind = Literal["sensing", "communication", "anchor", "agent", "link", "target"]
 
 CONNECTED = "agent graph connected"
-"""Broken where agents that were connected no longer are."""
+"""Broken if agents that were connected no longer are."""
 
 SENSED = "every target sensed"
-"""Broken where a target that was sensed no longer is."""
+"""Broken if a target that was sensed no longer is."""
 
 TRIVIAL = "relative cohomology trivial"
-"""Broken where agents have a null mode that they did not have."""
+"""Broken if agents have a null mode that they did not have."""
 
 MOST_CRITICAL = 50
 EXACT_STATES = 200
@@ -302,13 +302,13 @@ class Loss(Record):
 
     kind: Kind
     name: str = Field(description='such as "A1 - T2", "A1 - A4 (1 of 2)" or "A2 along z"')
-    breaks: tuple[str, ...] = Field(description="what is newly broken, whatever failed before")
-    lambda_min: float | None = Field(description="smallest eigenvalue of H after it; null where not computed")
+    breaks: tuple[str, ...] = Field(description="requirements that fail because of the loss")
+    lambda_min: float | None = Field(description="smallest eigenvalue of H after the loss; null if not computed")
 
 
 Single = tuple[Loss, list[int], int | None]
-"""What a loss breaks of CONNECTED and SENSED, which takes no linear algebra and is exact at any size; the edges that
-are lost, by their places in the sheaf's order; and the number of the agent that is."""
+"""A loss with its effect on CONNECTED and SENSED, which needs no linear algebra and is exact at any size; the lost
+edges, by their indices in the sheaf's order; and the number of the lost agent, or None."""
 
 KindOfEdge = tuple[Kind | None, Edge]
 
@@ -344,10 +344,10 @@ def fragility(team: Team) -> Fragility:
 
 
 def single_losses(team: Team) -> tuple[list[Loss], bool]:
-    """Try out each single loss; of a large team find those that break CONNECTED or SENSED without linear algebra.
+    """Try out each single loss; for a large team, find only those that break CONNECTED or SENSED.
 
-    The loss of an agent takes its edges along, that of a target those that sense it; the last agent is not lost.
-    Parallel edges are lost one at a time, and all at once where the link between their ends is cut.
+    With an agent its edges are lost, with a target those that sense it; the last agent is never lost. Parallel edges
+    are lost one at a time, and all together if the link between their ends is cut.
 
     Returns:
         The losses, those that break something first, then by lambda_min; and whether each was tried out on H.
@@ -369,7 +369,7 @@ def _try_out(team: Team, singles: Iterable[Single]) -> Iterator[Loss]:
     agent_of_state = team.slots[: D.shape[1]] // 3
     for loss, edges, agent in singles:
         lost = agent_of_state == agent
-        # What the lost agent alone was free to do is lost with it.
+        # Free directions of the lost agent alone are lost with it.
         gone = sparse_null_space(delta[:, lost]).shape[1] if free and lost.any() else 0
         left = [x[~np.isin(edge_of_row, edges)][:, ~lost] for x in (delta, D)]
         lambda_min = smallest_eigenvalue(*left)
@@ -379,7 +379,7 @@ def _try_out(team: Team, singles: Iterable[Single]) -> Iterator[Loss]:
 
 
 def _edges(team: Team) -> list[KindOfEdge]:
-    """The edges in the order of the sheaf, with the kind of those that can be lost."""
+    """Return the edges in the order of the sheaf, with the kind of those that can be lost."""
     kinds: list[tuple[Kind | None, tuple[Edge, ...]]] = [
         ("communication", team.communication),
         ("sensing", team.sensing),

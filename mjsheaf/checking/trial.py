@@ -1,9 +1,9 @@
 """Trial of a mission: the scenario is run once on bodies, without files, and its end is judged.
 
-The analysis of `check` is about linear loops and bounds. The trial is about everything else that a run contains: limits
-of thrusters, large angles, the safety filter, losses, gusts. It runs on the fused engine, and on MuJoCo where contacts
-are on, with the scenario's seed. Its verdict is the same on every machine: the part that is tried depends on the
-number of vehicle-steps alone.
+The analysis of `check` covers linear loops and bounds. The trial covers everything else in a run: limits of thrusters,
+large angles, the safety filter, losses, gusts. It uses the fused engine, or MuJoCo if contacts are on, with the
+scenario's seed. Its verdict is the same on every machine, because the part that is tried depends only on the number of
+vehicle-steps.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,7 +36,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
 
 MAX_VEHICLE_STEPS = 100_000_000
-"""Largest number of vehicles times physics steps of a trial; of a larger mission the beginning is tried."""
+"""Largest number of vehicles times physics steps of a trial; for a larger mission, only the beginning is tried."""
 
 _MAX_JUDGED = 1_000_000  # agents times samples that are judged; more are thinned evenly
 _JUDGED = (
@@ -72,8 +72,8 @@ class TrialProblem(Record):
     )
     text: str = Field(description="a sentence with agent, time and number")
     agent: str | None = Field(None, description="id of the agent with the worst value; null for the team")
-    time: Finite = Field(None, description="when, s; null where that has no meaning")
-    number: Finite = Field(None, description="severity in m; null where the text has it alone")
+    time: Finite = Field(None, description="time of the problem, s; null if it has none")
+    number: Finite = Field(None, description="severity, m; null if only the text gives it")
 
 
 class TrialRecord(Record):
@@ -99,7 +99,7 @@ def try_mission(
 
     Args:
         scenario: The scenario.
-        foreseen: Tracking error that the analysis foresees, RMS over agents and the second half, m; None if unknown.
+        foreseen: Predicted tracking error, RMS over agents and the second half, m; None if unknown.
         progress: Called with the samples done and the number of samples.
 
     Raises:
@@ -206,7 +206,7 @@ def _problems(
         phases: Its phases.
         run: The run.
         stuck: Agents that do not move at its end.
-        closer: A pair fails that comes closer by more than this times the distance that it lacks at the start.
+        closer: A pair fails if its shortfall in distance exceeds this times its shortfall at the start.
         rounding: Error of distances, m.
     """
     data = run.data
@@ -272,9 +272,9 @@ def _failing(
         kind: Kind of the problem.
         ids: Ids of the agents, length N.
         failed: True for those that fail, shape (N,).
-        severity: Sizes of the problem, m, shape (N,); the text is about the agent with the largest one.
-        time: When, s.
-        words: What follows "A is" and "A and 2 others are", with `{name}`, `{number}`, `{time}` and the other numbers.
+        severity: Sizes of the problem, m, shape (N,); the text describes the agent with the largest one.
+        time: Time of the problem, s.
+        words: Text after "A is" and "A and 2 others are", with `{name}`, `{number}`, `{time}` and the other numbers.
         numbers: Other numbers of each agent, shape (N,).
     """
     if failed.any():
@@ -302,15 +302,15 @@ def _diverging(
     steady: float = 0.9,
     small: float = 0.2,
 ) -> Iterator[TrialProblem]:
-    """Yield agents whose error grows to the end of the last phase while they are at a limit, or ever faster.
+    """Yield agents whose error grows to the end of the last phase while they are at a limit, or at a growing rate.
 
-    An error that grows is no fault by itself: it also follows a target that speeds up. Neither is one that an event
-    ends, such as the end of a shadow.
+    An error that grows is no fault by itself: it also grows behind a target that accelerates. Growth that an event
+    ends, such as the end of a radio shadow, is not counted either.
 
     Args:
         system: System of the last phase.
         last: Its data.
-        growth: Mean error of the last quarter over that about the middle, above which it has grown.
+        growth: Mean error of the last quarter over that about half-way, above which it has grown.
         faster: Growth of one quarter over that of the last, above which the error grows without bound.
         speeds_up: Mean speed of q* in the last quarter over that of the third, above which a target speeds up.
         slow: Mean error of the last quarter over that of the second, above which steady growth counts.
@@ -355,16 +355,16 @@ def _without_headway(
     share: float = 0.65,
     approaching: float = 0.9,
 ) -> Iterator[TrialProblem]:
-    """Yield agents that move, but not where they are commanded to, or too little, and do not get nearer.
+    """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
-    Boats that circle about their places are such agents, and drones whose commands jump faster than they can lean.
+    Examples are boats that circle about their places, and drones whose commands jump faster than they can lean.
 
     Args:
         system: System of the last phase.
         last: Its data.
         least: Commanded speed below which an agent counts as commanded to stay, m/s.
-        headway: Fraction of the commanded speed that an agent makes in its direction.
-        share: Part of its commanded velocity that an agent makes unless it is short of it.
+        headway: Least fraction of the commanded speed that an agent must reach in its direction.
+        share: Least fraction of its commanded velocity that an agent must reach.
         approaching: Mean error of the last quarter over that of the third, below which an agent approaches.
     """
     duration = 0.25 * float(last["time"][-1] - last["time"][0])
@@ -419,16 +419,16 @@ def _far_off(
     far: float = 3.0,
     at_rest: float = 1e-3,
 ) -> Iterator[TrialProblem]:
-    """Yield that the error is far beyond what the analysis foresees, or that a law that is local rests elsewhere.
+    """Yield the problem of an error far above the predicted one, or of a law that comes to rest far from q*.
 
-    A law with range or bearing edges rests where its disagreement is 0, which may be far from q*.
+    A law with range or bearing edges comes to rest where its disagreement is 0, which may be far from q*.
 
     Args:
         phases: Phases of the run.
         data: The run.
         error: Its tracking error, m.
-        foreseen: The error that the analysis foresees, m; None if it is not known.
-        far: Times that error.
+        foreseen: Predicted error, m; None if it is not known.
+        far: Ratio of the error to the predicted one, above which it is a problem.
         at_rest: Mean disagreement over mean tracking error, below which a law is at rest.
     """
     system, last = of_phase(phases, data, -1)
@@ -452,15 +452,15 @@ def _far_off(
 def _limited(system: System, data: xr.Dataset, *, nearly: float = 1.0 - 1e-9, shortfall: float = 0.2) -> Array:
     """Return the fraction of the second half for which each agent is at a limit, shape (N,).
 
-    That is: a thruster saturates, the command is at the velocity limit, or the vehicle, averaged over the second half,
-    makes less of its commanded velocity than it should, as one whose tilt is limited. What the wind on a hull takes of
-    the command is not missing.
+    At a limit, a thruster saturates, the command is at the velocity limit, or the mean velocity over the second half
+    is too small for the commands, as for a vehicle whose tilt is limited. The part of the command that compensates for
+    wind on a hull is not counted.
 
     Args:
         system: System of the run.
         data: The run.
         nearly: Fraction of the velocity limit at which a command is at it.
-        shortfall: Fraction of the commanded velocity that a vehicle at a limit does not make.
+        shortfall: Missing fraction of the commanded velocity, above which a vehicle is at a limit.
     """
     half = slice(data.sizes["time"] // 2, None)
     command, velocity, flow, saturation = (
@@ -474,7 +474,7 @@ def _limited(system: System, data: xr.Dataset, *, nearly: float = 1.0 - 1e-9, sh
     made[:, planar, 2] = 0.0
     commanded = np.linalg.norm(command.mean(axis=0), axis=1)
     steady = made.mean(axis=0)
-    # Against the wind on its hull, an agent is commanded more than it makes.
+    # Against the wind on its hull, an agent's command exceeds its velocity.
     missing = command.mean(axis=0) - steady + system.drift_in_wind(-steady)
     short = (commanded > MIN_SPEED) & (np.linalg.norm(missing, axis=1) > shortfall * commanded)
     return np.where(short, 1.0, at_limit.mean(axis=0))

@@ -268,7 +268,7 @@ LiveOption = Annotated[
     bool,
     typer.Option(
         "--live",
-        help=f"Show the run in Foxglove while it goes on, at ws://127.0.0.1:{PORT}. Needs the extras mcap, live.",
+        help=f"Show the run in Foxglove while it is simulated, at ws://127.0.0.1:{PORT}. Needs the extras mcap, live.",
     ),
 ]
 FOXGLOVE = f"live in Foxglove: open a connection to ws://127.0.0.1:{PORT}"

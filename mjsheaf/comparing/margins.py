@@ -1,9 +1,9 @@
 """Margins of gain and speed: ringing, runs at higher gains, commanded speeds, the velocity limit.
 
 Ringing is the least damped mode of the vehicles' loop of `check` (see `body_loop`), in the mean flow along the ideal
-run. Losses of links are left out, and so is their noise; delays are part of the loop. The usable gain is that up to
-which every mode keeps a damping ratio of 0.3: a displacement then overshoots by 37 %. What limits it is the effect
-without which the loop has the largest usable gain.
+run. Delays of links are part of the loop; their losses and noise are left out. The usable gain is the largest at which
+every mode has a damping ratio of at least 0.3; a displacement then overshoots by 37 %. Its dominant cause is the effect
+without which the usable gain would be largest.
 """
 
 from collections.abc import Iterator, Sequence

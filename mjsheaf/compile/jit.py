@@ -310,10 +310,10 @@ def _lower_field(context: Any, builder: Any, pinned: Any, place: Any, name: str)
 
 
 class Held:
-    """A named tuple that compiled code is handed by its address, with those in it; its arrays stay the same ones.
+    """A named tuple, with those in it, that is passed to compiled code by its address; its arrays are never replaced.
 
-    What Python calls would otherwise have code that takes every number out of Python's objects: that is a third to a
-    half of the time of compiling it by itself, and 20 us of each call with a run's loop.
+    Otherwise, functions that Python calls would contain code that unpacks every number from Python's objects. It takes
+    a third to a half of their compile time, and 20 us of each call with the loop of a run.
 
     Attributes:
         value: The named tuple.

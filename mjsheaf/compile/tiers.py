@@ -1,10 +1,10 @@
-"""Functions that run in Python at first, and compiled once they have enough to do.
+"""Functions that run in Python at first, and are compiled once that pays off.
 
-Compiling a function takes seconds, and a check of a few vehicles needs some of them for milliseconds only. Python and
-compiled code carry out the same operations in the same order, so that results have the same bits whichever is taken;
-tests hold the functions that use this to it. A function is compiled, for arguments of certain types, when Python has
-taken a while for such arguments in one process, or when it has taken about as long as compiling takes in several ones,
-which add up their times in a file. Machine code on disk is used at once.
+Compiling a function takes seconds, and a check of a few vehicles may need it for only milliseconds. Python and compiled
+code carry out the same operations in the same order, so results are the same to the bit; tests verify this for the
+functions that use this module. A function is compiled for given types of arguments in two cases: if Python has taken
+long for them in one process, or if it has taken about as long as compiling in several processes together, which add up
+their times in a file. Machine code on disk is used at once.
 """
 
 import contextlib

@@ -60,7 +60,7 @@ class FlatEpisode(Episode):
         """Prepare the first episode; `options` are those of `Episode`.
 
         Raises:
-            InputError: As for `Episode`; or a part or the render mode is unknown.
+            InputError: An option is invalid, see `Episode`; or a part or the render mode is unknown.
         """
         for part in parts:
             if part not in PARTS:
@@ -456,8 +456,8 @@ def vector_env(
         **options: Options of `env` except for `engine`, `seed` and `render_mode`, among them `same_episode`.
 
     Raises:
-        InputError: As for `env`; the scenario has what the fused engine lacks, such as contacts; or n or the mode is
-            not valid.
+        InputError: An option is invalid, see `env`; the fused engine does not support the scenario, for example its
+            contacts; or n or the mode is invalid.
     """
     require_whole("n", n, 1)
     mode = AutoresetMode(autoreset_mode)

@@ -1,4 +1,4 @@
-"""Sink that shows a run to Foxglove while it goes on: the messages of an MCAP file, on a websocket on loopback."""
+"""Sink that shows a run in Foxglove while it is simulated: the messages of an MCAP file, on a loopback websocket."""
 
 import math
 import time
@@ -58,7 +58,7 @@ class Log(mcap.Log):
             **{f"/{topic}": kind for topic, kind in self._kinds.items()},
         }
         self._context = context = foxglove.Context()  # which does not outlive its last reference
-        # Before the server: who connects while a channel is added may be told that there is none.
+        # Before the server, because a client that connects while a channel is added may not receive it.
         self._channels = {
             topic: foxglove.Channel(
                 topic,

@@ -91,7 +91,7 @@ class LogSink(ABC):
         colours: Colour of each vehicle's group, RGB, shape (V, 3).
         radii: Radius of the ball at each agent's desired position, shape (N,), m.
         last: Time of the last sample, ns.
-        failed: True unless every sample so far could be written.
+        failed: False after a sample was written; True before the first, and if writing failed.
         status: Status and message of the run.
         file: The MCAP file.
     """

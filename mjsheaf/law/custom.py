@@ -1,8 +1,8 @@
 """Terms that users write and register, compiled into the law that runs.
 
-A term is a function of what one agent knows. Every agent calls it once a control period, after the shipped terms. It
-reads the agent's disagreement eta, adds to the agent's command, and keeps numbers of the agent's own, which are zero
-before the first sample and part of the state of a run:
+A term is a function of one agent's local data. It is called for every agent once a control period, after the shipped
+terms. It reads the agent's disagreement eta and adds to the agent's command. It may store numbers for each agent; they
+are zero before the first sample and part of the state of a run:
 
     @mjsheaf.register(parameters=["gain", "forgetting"], memory=3)
     def leaky_integral(residual, command, memory, parameters, period):
@@ -10,10 +10,10 @@ before the first sample and part of the state of a run:
             memory[i] += period * (residual[i] - parameters[1] * memory[i])
             command[i] -= parameters[0] * memory[i]
 
-In compiled code each term is a named tuple of a type of its own, whose name has a digest of the file that defines it
-and of what it refers to, as compiled code holds the values of those.
-The law holds those of a team in a tuple, so that the types alone tell numba which functions to call: other teams
-compile nothing more, the cache on disk knows a term by its type, and another source is another type.
+In compiled code each term is a named tuple with a type of its own. The name of the type contains a digest of the file
+that defines the term and of the values that it refers to, because compiled code contains those values. The law holds
+the terms of a team in a tuple. Their types determine which functions numba calls, so another team with the same terms
+compiles nothing more. The cache on disk identifies a term by its type, and a changed source gives a new type.
 """
 
 import hashlib
@@ -40,9 +40,9 @@ from mjsheaf.section import Section
 from mjsheaf.team import Team
 
 _PREFIX = "Term_"
-_MOST_NUMBERS = 1000  # that a term may remember of an agent
+_MAX_MEMORY = 1000  # numbers that a term may store for each agent
 SHIPPED = tuple(Terms.model_fields)
-"""Names that terms of mjsheaf have."""
+"""Names of the terms that come with mjsheaf."""
 
 Term = Callable[[Array, Array, Array, Array, float], None]
 """Called with (residual (3,), m; command (3,), m/s; memory (m,); parameters (p,); period, s), to write to command and
@@ -54,8 +54,8 @@ class CustomTerm(Section):
 
     file: str | None = Field(
         None,
-        description="Python file that registers the term, from this file's directory; none where it is registered "
-        "before the scenario is read",
+        description="Python file that registers the term, from this file's directory; not needed if the term is "
+        "registered before the scenario is read",
     )
     parameters: dict[str, float] = Field({}, description="values of the term's parameters, by name [-]")
 
@@ -67,9 +67,9 @@ class Registered:
     Attributes:
         evaluate: Compiled function that evaluates the term for all agents; see `_for_each_agent`.
         parameters: Names of its parameters.
-        memory: How many numbers it remembers of an agent.
+        memory: Number of values that it stores for each agent.
         kind: Type of its named tuple.
-        source: SHA-256 of the file that defines it, hexadecimal; of nothing where there is none.
+        source: SHA-256 of the file that defines it, hexadecimal; of no bytes if there is no file.
     """
 
     evaluate: Any
@@ -103,8 +103,8 @@ def register(*, parameters: Sequence[str] = (), memory: int = 0) -> Callable[[Te
     names = tuple(parameters) if isinstance(parameters, list | tuple) else ("",)
     if len(set(names)) != len(names) or not all(map(_is_name, names)):
         raise InputError(f"register: parameters are {parameters!r}; expected a list of different names")
-    if isinstance(memory, bool) or not (isinstance(memory, int) and 0 <= memory <= _MOST_NUMBERS):
-        raise InputError(f"register: memory is {memory!r}; expected a whole number from 0 to {_MOST_NUMBERS}")
+    if isinstance(memory, bool) or not (isinstance(memory, int) and 0 <= memory <= _MAX_MEMORY):
+        raise InputError(f"register: memory is {memory!r}; expected a whole number from 0 to {_MAX_MEMORY}")
 
     def decorate(function: Term) -> Term:
         name = function.__name__
@@ -130,7 +130,7 @@ def _digest(*parts: bytes) -> str:
 
 
 def _file_of(function: Term) -> bytes:
-    """Return the file that defines a function; nothing where there is none."""
+    """Return the contents of the file that defines a function; empty if there is none."""
     try:
         return Path(inspect.getsourcefile(function) or "").read_bytes()
     except (OSError, TypeError):
@@ -159,7 +159,7 @@ def _meaning(value: Any, met: set[int]) -> Iterator[bytes]:
 
 
 def _compiled(function: Term) -> Any:
-    """Compile a term for the shapes that it will see, so that its faults show where it is registered."""
+    """Compile a term for the shapes of its arguments, so that errors are reported when it is registered."""
     compiled = user_jit(function)
     if not INTERPRETED:
         numbers = types.float64[::1]
@@ -192,7 +192,7 @@ class TermOfLaw(NamedTuple):
 
     Attributes:
         number: Number of the term.
-        agents: How many vehicles, from the first on, have it.
+        agents: Number of vehicles with the term; they are the first ones.
         parameters: Values of its parameters.
         period: Control period, s.
     """
@@ -233,7 +233,7 @@ def pack_custom(terms: Mapping[str, CustomTerm], agents: int, period: float) -> 
 
 
 def _execute(file: str, name: str) -> None:
-    """Execute a file that registers terms, unless its terms are registered as the file has them now."""
+    """Execute a file that registers terms, unless they are registered and the file has not changed since."""
     path = Path(file)
     if not file.endswith(".py"):
         raise InputError(f"file: {file!r}; expected a Python file, NAME.py")
@@ -256,12 +256,12 @@ def names_of(terms: Sequence[Any]) -> tuple[str, ...]:
 
 
 def new_custom_memory(terms: Sequence[Any], V: int, take: Take) -> tuple[Array, ...]:
-    """Return what each term remembers of V vehicles before the first sample, shape (V, m) each."""
+    """Return the memory of each term for V vehicles before the first sample, shape (V, m) each."""
     return tuple(take((V, _of_kind[type(term).__name__].memory)) for term in terms)
 
 
 def carry_custom(old: Sequence[Any], kept: Sequence[Array], new: Sequence[Any], memory: Sequence[Array]) -> None:
-    """Take over what the terms of one law remember under another, of the terms that both have."""
+    """Copy the memory of the terms that two laws share from the old law to the new one."""
     before = {type(term): own for term, own in zip(old, kept, strict=True)}
     for term, own in zip(new, memory, strict=True):
         if type(term) in before:

@@ -27,13 +27,15 @@ link, at sample n, in this order:
     delay      what was measured d periods ago arrives, if it was sent
     hold       without an arrival the last measurement is held for a limited time; then y_e = -b_e, which has no effect
 
-Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), whichever piece, thread or machine asks.
+Random numbers are those of the edge's stream at n (see `mjsheaf.noise`), so they do not depend on the pieces of a run,
+on threads or on the machine.
 
 Numbers that agents send each other in rounds have links of their own: see `mjsheaf.law.terms`.
 
-While formations change, every edge has a vector a(t), its aim, that moves in a straight line: b of positions, and of
-ranges and bearings the vector from head to tail between the places in formation. Desired values follow from it: b = a,
-r = |a|, g* = -a / |a|. Let z' and a' be rates. The vector that is pulled back, at a measurement that stays, changes by
+While formations change, every edge has a vector a(t), its aim, that moves in a straight line. The aim of a position
+edge is b. That of a range or bearing edge is the vector from head to tail between the positions in the formation.
+Desired values follow from it: b = a, r = |a|, g* = -a / |a|. Let a' be the rate of a. For a constant measurement, the
+vector that is pulled back changes at the rate
 
     position   a'
     range      -g (a . a') / |a|
@@ -92,7 +94,7 @@ class OffsetRamp(NamedTuple):
         start: Time at which they begin to change, s.
         first: Aims at the start, shape (m,), m.
         rate: Their velocities, shape (m,), m/s.
-        aim: Aims at the last evaluation of the law, shape (m,), m; with b and desired values, a run's own.
+        aim: Aims at the last evaluation of the law, shape (m,), m. Like b and the desired values, each run has its own.
     """
 
     start: float
@@ -103,7 +105,7 @@ class OffsetRamp(NamedTuple):
 
 @inline_jit
 def move_offsets(ramp, kinds, edges, t):
-    """Write aims, b and desired values of time t, s, if they change."""
+    """Write the aims, b and desired values at time t, s, if they change."""
     if len(ramp) == 0:
         return
     for e in range(edges.tail.shape[0]):
@@ -124,7 +126,7 @@ def move_offsets(ramp, kinds, edges, t):
 
 @inline_jit
 def add_changes(ramp, kinds, edges, agents, y, right):
-    """Add to the right side (V, 3) of H v = B p' the share of offsets that change, at measurements y (m,)."""
+    """Add to the right side (V, 3) of H v = B p' the contribution of changing offsets, at measurements y (m,)."""
     if len(ramp) == 0:
         return
     for e in range(edges.tail.shape[0]):
@@ -140,7 +142,7 @@ def add_changes(ramp, kinds, edges, agents, y, right):
 
 @inline_jit
 def change_of(kinds, ramp, edges, y, e, r):
-    """Return by how much row r of what edge e pulls back changes at measurements y (m,), m/s; see the module."""
+    """Return the rate of row r of the vector that edge e pulls back, at measurements y (m,), m/s; see the module."""
     if len(kinds) == 0:
         return ramp.rate[r]
     if kinds.code[e] == POSITION:
@@ -163,9 +165,9 @@ def change_of(kinds, ramp, edges, y, e, r):
 
 @inline_jit
 def compare(kinds, edges, y, out):
-    """Write into out (m,) what is pulled back, less b, from measurements y (m,); out may be y.
+    """Write the vectors that are pulled back, minus b, into out (m,), from measurements y (m,); out may be y.
 
-    Nothing is written if all edges compare positions: then y is what is pulled back.
+    Nothing is written if all edges compare positions: then they are y itself.
     """
     if len(kinds) == 0:
         return
@@ -200,9 +202,9 @@ class Slopes(NamedTuple):
     Attributes:
         low: Smallest eigenvalue of H above zero at the initial q*.
         steepest: Largest 1 / |z| of communication and sensing edges, shape (C + S,), 1/m.
-        bound: Team of position edges whose H is nowhere smaller.
+        bound: Team of position edges whose H is an upper bound at all positions.
         free: True if motions are free at the initial q*. Rounds of newton then begin with 0 at every sample, because
-            what is free changes with the positions.
+            the free motions change with the positions.
     """
 
     low: float
@@ -330,12 +332,12 @@ class LinkArrays(NamedTuple):
     Attributes:
         present: (1,) if any edge of the run has one; (), another type, leaves them out of the compiled code.
         table: the links, of the type LINK, shape (L,).
-        of: the link of each edge, or -1, shape (E,); empty without links.
-        lift: what is added to z for the distance between bodies, shape (V,), m.
-        facing: initial attitudes where a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
+        of: Number of each edge's link, or -1, shape (E,); empty without links.
+        lift: Addition to z for the distance between bodies, shape (V,), m.
+        facing: Initial attitudes if a sensor needs them, quaternions (w, x, y, z), shape (V, 4) or (0, 4).
         size: Length of LinkMemory.line.
         odometry: True if agents store how they moved since they sensed a target, for feedforward.
-        start, period: time of sample 0 and between samples, s.
+        start, period: Time of sample 0, and time between samples, s.
         record: True if measurements are recorded.
     """
 
@@ -351,7 +353,7 @@ class LinkArrays(NamedTuple):
     record: bool = False
 
     def selected(self, rows: IntArray) -> "LinkArrays":
-        """The links among some of the vehicles, by number."""
+        """Return the links among some of the vehicles, by number."""
         facing = self.facing[rows] if len(self.facing) else self.facing
         return self._replace(lift=self.lift[rows], facing=facing) if len(self.table) else self
 
@@ -383,7 +385,7 @@ class LinkMemory(NamedTuple):
 
 
 def new_link_memory(links: LinkArrays, m: int, line: Array, take: Take) -> LinkMemory:
-    """Return what links of edges with m numbers hold before the first sample, with a delay line for all of them."""
+    """Return the memory of the links of edges with m numbers before the first sample; `line` has all delay lines."""
     L, V, m = len(links.table), len(links.facing), m if len(links.of) else 0
     walked = take(m * links.odometry)
     return LinkMemory(take(L), take(L), take(L), take(m), walked, take((V, 4)), take((V, 3)), line)
@@ -406,15 +408,15 @@ class LinkedEdge(NamedTuple):
 
     @property
     def stream(self) -> tuple[int, int]:
-        """Stream of its random numbers, by its ends: the same wherever the edge stands."""
+        """Stream of its random numbers, from the ids of its ends: it does not depend on the order of edges."""
         return stream_of(self.kind, self.edge.tail, self.edge.head, self.nth)
 
 
 def linked_edges(team: Team, links: Links) -> list[LinkedEdge]:
-    """The edges of communication and sensing with their links, in the order of the law.
+    """Return the communication and sensing edges with their links, in the order of the law.
 
     Raises:
-        InputError: sections do not fit together; the message begins with the field.
+        InputError: Sections contradict each other; the message begins with the field.
     """
     found, plain, met = list[LinkedEdge](), dict[str, LinkModel](), dict[tuple[str, ...], int]()
     for kind in KINDS:
@@ -455,21 +457,21 @@ def pack_links(
     feedforward: bool = False,
     run: Team | None = None,
 ) -> LinkArrays:
-    """The links of a team for compiled code.
+    """Pack the links of a team for compiled code.
 
     Args:
-        team: the team; its edges have their own link fields.
-        links: those of all and of each kind.
-        period: the control period, s; 0 where the law is continuous.
+        team: The team; its edges have their own link fields.
+        links: Link parameters of all edges and of each kind of edge.
+        period: Control period, s; 0 if the law is continuous.
         start: Start of the run, s.
         height: Height of the surface on which planar vehicles move, m.
-        heading: initial, of all vehicles, shape (V,), rad.
+        heading: Initial heading of each vehicle, shape (V,), rad.
         feedforward: True if the law has feedforward, in any phase of the run.
-        run: the team with all edges that it has in any phase; it has no others unless given.
+        run: The team with the edges of all phases; `team` unless given.
 
     Raises:
-        InputError: a delay is no whole number of periods, the period is 0, or a sensor does not fit an edge's maps; the
-            message begins with the field.
+        InputError: A delay is not a whole number of periods, the period is 0, or a sensor does not fit an edge's maps;
+            the message begins with the field.
     """
     sections = [(f"links.{name}", getattr(links, name)) for name in ("all", *KINDS)]
     sections += [(f"{kind}.{k}", edge.link) for kind in KINDS for k, edge in enumerate(getattr(team, kind))]
@@ -547,14 +549,14 @@ def require_held(numbers: int, *, most: int = 100_000_000) -> None:
 
 @jit
 def deliver(present, law, t, x, bodies, y, terms, memory):
-    """Turn true measurements y (m,) of time t, s, into those that arrive now; y = -b where nothing does.
+    """Replace true measurements y (m,) at time t, s, by those that arrive now; y = -b if nothing arrives.
 
     Args:
         present: `law.links.present`; see `terms.navigate`.
         law: Law of the team.
         t: Time, s.
         x: Positions, shape (V, 3), m.
-        bodies: True if memory.attitude has the true attitudes; otherwise vehicles face where they move.
+        bodies: True if memory.attitude has the true attitudes; otherwise vehicles face in the direction of motion.
         y: Measurements, in place.
         terms: Memory of the terms.
         memory: Memory of the links.
@@ -577,9 +579,9 @@ def deliver(present, law, t, x, bodies, y, terms, memory):
 
 @inline_jit
 def send(law, link, k, n, slot, x, y, terms, memory):
-    """Measure the numbers of an edge with link k at sample n and put them, unless lost, into a slot of the delay line.
+    """Write the measurement of an edge with link k at sample n, unless it is lost, to a slot of the delay line.
 
-    The chain of losses takes a step.
+    The Markov chain of losses takes a step.
     """
     links, first, end = law.links, law.edges.first[link.edge], law.edges.first[link.edge + 1]
     tail, head = law.edges.tail[link.edge], law.edges.head[link.edge]
@@ -634,9 +636,10 @@ def take_in(law, link, k, n, slot, y, terms, memory):
     if heard == NEW:
         if link.moves > 0:
             if law.terms.agents > 0 and last > 0.0 and last - 1.0 - link.delay >= n - terms.clock[0]:
-                periods = n + 1.0 - last  # odometry has gone on since the last was measured
-            # A mean over some periods has their share in the filter, which begins at rest: else noise, which cancels in
-            # the sum of differences, would add up. The next one needs the displacement up to this sample too.
+                periods = n + 1.0 - last  # odometry ran without a break since the last one was sent
+            # A mean over several periods gets the weight of as many updates of the filter, which begins at rest.
+            # Otherwise noise would accumulate, although it cancels in the sum of differences. The next mean also needs
+            # the displacement up to this sample.
             share = 1.0 - (1.0 - law.terms.measured) ** periods
             for r in range(first, end):
                 walked = slot[1 + end - first + r - first]
@@ -656,7 +659,14 @@ def take_in(law, link, k, n, slot, y, terms, memory):
 
 @inline_jit
 def next_state(state, chance, to_bad, to_good, begins_bad):
-    """The state of a chain of losses at a sample, 1 good or 2 bad, from that before, 0 at the first, and a number."""
+    """Return the next state of a chain of losses, 1 good or 2 bad.
+
+    Args:
+        state: State at the previous sample; 0 before the first.
+        chance: Random number, uniform in [0, 1).
+        to_bad, to_good: Probabilities of the transitions from good to bad and from bad to good.
+        begins_bad: Probability that the first state is bad.
+    """
     if state == 0.0:
         return 2.0 if chance < begins_bad else 1.0
     if state == 2.0:
@@ -666,17 +676,17 @@ def next_state(state, chance, to_bad, to_good, begins_bad):
 
 @inline_jit
 def distance(x, x_lift, y, y_lift):
-    """Between bodies at x and y (3,), m, whose z is taken so much higher."""
+    """Return the distance between bodies at x and y (3,) whose z is higher by `x_lift` and `y_lift`, all in m."""
     dx, dy, dz = y[0] - x[0], y[1] - x[1], y[2] + y_lift - x[2] - x_lift
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @jit
 def face_along(links, x, n, memory):
-    """Let every vehicle face where it moved since the sample before, its first axis ahead and its second level.
+    """Turn the attitude of every vehicle along its displacement since the last sample: first axis ahead, second level.
 
-    One that does not move stays as it was; at the first sample, and where sensors need attitudes only from some phase
-    on, the initial headings hold.
+    A vehicle that does not move keeps its attitude. At the first sample, and when a phase begins whose sensors are the
+    first to need attitudes, the initial headings are used.
     """
     for v in range(memory.attitude.shape[0]):
         attitude, last = memory.attitude[v], memory.before[v]

@@ -1,8 +1,9 @@
 """Laws in Python: one call a control period, in place of the agents' own law, on both backends.
 
 A law is a callable `law(t, sample)` that returns the agents' velocities relative to the medium, shape (N, 3), m/s; it
-may have a method `reset(team, rng)`, called before the first sample. `sample` holds what agents may know, and apart
-from that, named so, the truth. Targets, references, speed limits and recording are as for the compiled law.
+may have a method `reset(team, rng)`, called before the first sample. `sample` holds the local information of the agents
+and, separately in `sample.truth`, what no agent can measure. Targets, references, speed limits and recording are as for
+the compiled law.
 """
 
 import inspect
@@ -108,25 +109,25 @@ class Sample:
     Attributes:
         time: Time of the sample, s.
         team: The team as the phase begins, read-only; `team.agent_ids` names the rows of arrays.
-        edges: The edges at which agents measure: communication, sensing, anchors; with the offsets of now.
+        edges: The edges at which agents measure: communication, sensing, anchors; with the present offsets.
         measurements: y_e = F_head x_head - F_tail x_tail of each edge, in its stalk, m, as its link delivers it; -b_e
-            where nothing is received. Of a range edge the distance, shape (1,), m; of a bearing edge the unit vector
-            from tail to head; both zero where nothing is received.
+            if nothing is received. For a range edge the distance, shape (1,), m; for a bearing edge the unit vector
+            from tail to head; both zero if nothing is received.
         jacobians: dh/dz of each edge, h what it measures and z = F_head x_head - F_tail x_tail: the identity, of a
             range shape (1, m), of a bearing shape (m, m), 1/m.
-        residuals: What measurements lack of the desired ones: y_e + b_e, h - h* of ranges and bearings. By these and
-            K the tail's part of its disagreement is -F_tail^T J^T K residual, where K of a bearing has the factor |z|.
+        residuals: Measured minus desired value of each edge: y_e + b_e, and h - h* of ranges and bearings. The edge
+            adds -F_tail^T J^T K residual to its tail's disagreement; for a bearing, K contains the factor |z|.
         received: True for each edge with a measurement, new or held, shape (E,).
-        disagreement: eta by these, padded, shape (N, 3), m.
+        disagreement: eta computed from these measurements, padded, shape (N, 3), m.
         command: Velocities relative to the medium that the compiled law commands, padded, shape (N, 3), m/s; under a
-            law in Python those that it returned last. What is added from outside is not in them.
+            law in Python, those that it returned last. Velocities added from outside are not included.
         velocity: Velocities over ground, shape (N, 3), m/s: of bodies now, on ideal kinematics the mean since the
             sample before.
         angular_velocity: Angular velocities in body axes, shape (N, 3), rad/s; zero on ideal kinematics.
         displacement: Displacements of the controlled positions since the sample before, zero at the first, shape
             (N, 3), m.
         attitude: Quaternions (w, x, y, z), body to world, shape (N, 4).
-        truth: What no agent knows.
+        truth: Quantities that no agent can measure.
     """
 
     def __init__(
@@ -196,7 +197,7 @@ def real_numbers(values: ArrayLike) -> Array:
     """Return numbers as float64.
 
     Raises:
-        TypeError: They are complex, no numbers, or a masked array that lacks some.
+        TypeError: They are complex, not numbers, or a masked array with missing values.
     """
     if isinstance(values, (list, tuple)) and any(isinstance(row, np.ma.MaskedArray) for row in values):
         values = cast(ArrayLike, np.ma.array(values))
@@ -221,15 +222,15 @@ class Controller:
     Attributes:
         law: The law.
         name: Name in messages and results.
-        seed: Seed of the random numbers that the law's `reset` is handed.
-        traffic: Communication of the run up to now.
+        seed: Seed of the random generator that is passed to the law's `reset`.
+        traffic: Communication since the start of the run.
     """
 
     def __init__(self, law: Law, name: str = "", seed: int = 0) -> None:
-        """Wrap a law; the seed is that of the random numbers which its `reset` is handed.
+        """Wrap a law; `seed` is that of the random generator passed to its `reset`.
 
         Raises:
-            InputError: it cannot be called.
+            InputError: It cannot be called.
         """
         if inspect.isclass(law):
             raise InputError(f"controller: {law.__name__} is a class; expected an object, such as {law.__name__}()")
@@ -259,23 +260,23 @@ class Controller:
         ids = team.agent_ids
         t = sample.time
         when = f"t = {t:.6g} s"
-        wanted = self._guarded(when, lambda: real_numbers(self.law(t, sample)))
-        if wanted.shape != (len(ids), 3):
+        returned = self._guarded(when, lambda: real_numbers(self.law(t, sample)))
+        if returned.shape != (len(ids), 3):
             raise InputError(
-                f"controller {self.name} at {when}: returned shape {wanted.shape}; "
+                f"controller {self.name} at {when}: returned shape {returned.shape}; "
                 f"expected ({len(ids)}, 3), a velocity in m/s for each agent"
             )
-        good = np.abs(wanted) <= MAX_SPEED  # False where it is not finite
+        good = np.abs(returned) <= MAX_SPEED  # False if not finite
         if not good.all():
             i = int(np.flatnonzero(~good.all(axis=1))[0])
             raise InputError(
-                f"controller {self.name} at {when}: returned {wanted[i]} for {ids[i]}; "
+                f"controller {self.name} at {when}: returned {returned[i]} for {ids[i]}; "
                 f"expected finite velocities of at most {MAX_SPEED:g} m/s"
             )
-        return cast(Array, wanted)
+        return cast(Array, returned)
 
     def cause_of_blow_up(self, team: Team, vehicle: int, command: Array) -> str:
-        """Say that the law may be why a vehicle's state blew up under commands (V, 3), m/s; empty for a target."""
+        """Return a message that the law may have caused a blow-up under commands (V, 3), m/s; empty for a target."""
         if vehicle >= len(team.agents):
             return ""
         speed = float(np.linalg.norm(command[vehicle]))
@@ -297,10 +298,10 @@ class Controller:
 
 
 def controller_of(law: Law | Controller | None, system: Any, seed: int = 0) -> Controller | None:
-    """The controller of a run, where it has one.
+    """Return the controller of a run, or None if it has none.
 
     Raises:
-        InputError: the control period is 0, so that there is no sample at which to call it.
+        InputError: The control period is 0, so there is no sample at which to call it.
     """
     if law is not None and system.grid.continuous:
         raise InputError("controller.control_period is 0; expected a positive one with a law in Python, in s")
@@ -316,13 +317,12 @@ class LocalSample:
     """Local information of one agent at a sample.
 
     Attributes:
-        edges: Present edges of the agent, with the offsets of now; a subset of its `Agent.edges` in a phase with other
-            edges.
-        measurements: y_e of each of them, m; -b_e where nothing is received. See `Sample` for these and the next two.
+        edges: Present edges of the agent, with the present offsets; a subset of `Agent.edges` if a phase has fewer.
+        measurements: y_e of each of them, m; -b_e if nothing is received. See `Sample` for these and the next two.
         jacobians: dh/dz of each of them.
-        residuals: What each measurement lacks of the desired one.
+        residuals: Measured minus desired value of each of them.
         disagreement: eta_i, padded, shape (3,), m.
-        velocity: over ground, shape (3,), m/s.
+        velocity: Velocity over ground, shape (3,), m/s.
         displacement: Change of its controlled position since the previous sample, zero at the first, shape (3,), m.
         attitude: quaternion (w, x, y, z), body to world, shape (4,).
     """
@@ -355,7 +355,7 @@ class Agent:
 
 
 class PerAgent:
-    """A law made of one object per agent, each handed its own edges only.
+    """A law made of one object per agent, each of which receives only the agent's own edges.
 
     `make(agent)` returns agent i's law, called as `law(t, local)`; it returns the agent's velocity, shape (n_i,) or
     (3,), m/s. A law that is a generator exchanges numbers with its neighbours: `received = yield values` sends `values`
@@ -363,10 +363,10 @@ class PerAgent:
     """
 
     def __init__(self, make: Callable[[Agent], Callable[[float, LocalSample], Any]]) -> None:
-        """Keep what makes the agents' laws.
+        """Store the function that makes the agents' laws.
 
         Raises:
-            InputError: it cannot be called.
+            InputError: It cannot be called.
         """
         if not callable(make):
             raise InputError(f"PerAgent: expected a callable make(agent) that returns a law, not {type(make).__name__}")

@@ -6,23 +6,23 @@ and desired value b,
 
     offsets     b_e, where formations change (see `mjsheaf.law.edges`)
     measure     y_e = F_j x_j - F_i x_i
-    deliver     y_e as sensor and link leave it, where the edge has any (see `mjsheaf.law.edges`)
+    deliver     y_e after its sensor and link, if the edge has any (see `mjsheaf.law.edges`)
     compare     y_e + b_e as it is, or what a range or bearing edge makes of it (see `mjsheaf.law.edges`)
     pull back   eta_i = sum of -F_i^T K (y_e + b_e) over the edges whose tail is i, F_j^T K (y_e + b_e) where i is head
     terms       -k1 eta (eq. controller-1), or the velocities that a law in Python commands
     custom      terms that users registered (see `mjsheaf.law.custom`)
     residual    velocities from outside, such as the action of an environment
     reference   targets' own motion
-    safety      what keeps vehicles apart (see `mjsheaf.law.safety`)
+    safety      the safety filter, which keeps vehicles apart (see `mjsheaf.law.safety`)
     limit       largest commanded speed
 
-An edge moves those of its ends that listen: both of a communication edge, the agent of a sensing edge or an anchor,
-both targets of an edge among targets. A vehicle's sums touch its own edges alone, so that what it does depends on its
-neighbours alone, to the bit.
+An edge moves both ends if it is a communication edge or an edge among targets, and only the agent if it is a sensing
+edge or an anchor (`EdgeArrays.listens`). The sums of a vehicle run over its own edges only, so its command depends on
+its neighbours alone, bit for bit.
 
-Station keeping is no part of it: vehicles that have yet to join hold their position, each by itself. Vehicle v at x
-commands gain (position - x) - w relative to the medium, whose velocity w it measures there: over ground it returns to
-its position at the rate of the gain. The speed is limited as the vehicle's commands are. The gain is 1 / (4 (tau + h)),
+Station keeping is not part of the law: each vehicle that has not joined yet holds its position by itself. Vehicle v at
+x commands gain (position - x) - w relative to the medium, whose velocity w it measures there. Over ground, it returns
+to its position at the rate of the gain. Its speed limit is that of its other commands. The gain is 1 / (4 (tau + h)),
 at most MAX_GAIN, with the time constant tau of the body and the control period h: the loop of position and velocity is
 then critically damped or slower.
 """
@@ -68,15 +68,15 @@ class EdgeArrays(NamedTuple):
     """The edges of a team of V vehicles: E of them, with m numbers y_e in all.
 
     Attributes:
-        tail, head: vehicles at the ends, shape (E,); an anchor's head is its tail.
-        listens: True where the edge moves its tail and head, shape (E, 2).
-        first: where each edge's numbers begin in y, and m at the end, shape (E + 1,).
-        F_tail, F_head: restriction maps, padded, shape (m, 3).
+        tail, head: Numbers of the vehicles at the ends, shape (E,); an anchor's head is its tail.
+        listens: True if the edge moves its tail, and its head, shape (E, 2).
+        first: Index in y at which each edge's numbers begin, and m, shape (E + 1,).
+        F_tail, F_head: Restriction maps, padded, shape (m, 3).
         P_tail, P_head: K F, whose transpose pulls back, shape (m, 3).
-        b: desired values of F_tail x_tail - F_head x_head, shape (m,), m.
-        kinds: What edges compare; () where all compare positions.
-        ramp: OffsetRamp with which b and the desired values of `kinds` change, those of the last evaluation then; ()
-            where they stay.
+        b: Desired values of F_tail x_tail - F_head x_head, shape (m,), m.
+        kinds: EdgeKinds; () if all edges compare positions.
+        ramp: OffsetRamp if b and the desired values of `kinds` change; they are then those of the last evaluation. ()
+            if they are constant.
     """
 
     tail: IntArray
@@ -96,14 +96,14 @@ class LawArrays(NamedTuple):
     """The law of V vehicles, the first N of them agents.
 
     Attributes:
-        edges: what they compare.
+        edges: Edges of the team.
         gain: Proportional gain k1 of each vehicle, shape (V,), 1/s.
-        limit: largest commanded speed, shape (V,), m/s; infinite where there is none.
-        supplied: how many vehicles, from the first on, take their velocity from `Memory.supplied` instead of -gain eta.
-        terms: what is added to -gain eta.
-        links: what happens to measurements.
-        custom: terms that users registered, of the types that `mjsheaf.law.custom` makes.
-        safety: SafetyArrays of what keeps vehicles apart; () where nothing does.
+        limit: Largest commanded speed, shape (V,), m/s; infinite if there is none.
+        supplied: Number of vehicles, the first ones, whose velocity is `Memory.supplied` instead of -gain eta.
+        terms: Terms that are added to -gain eta.
+        links: Links and sensors of the edges.
+        custom: Terms that users registered, of the types that `mjsheaf.law.custom` makes.
+        safety: SafetyArrays of the safety filter; () without one.
         seed: Seed of the random numbers of links and terms, shape (1,).
     """
 
@@ -137,7 +137,7 @@ class LawArrays(NamedTuple):
 
     @property
     def without_terms(self) -> "LawArrays":
-        """The paper's law."""
+        """Return the paper's law: the same without terms."""
         return self._replace(terms=TermArrays(), custom=())
 
     @property
@@ -174,20 +174,21 @@ class Memory(NamedTuple):
     """State of the onboard computers between samples: parts of one array.
 
     Attributes:
-        flat: All that the array has of a run's state: this memory, and the parts that were taken before it.
-        y: Delivered measurements, -b where nothing is received, shape (m,), m.
+        flat: The part of the array that is state of the run: this memory, and the parts laid out before it.
+        y: Delivered measurements, -b if nothing is received, shape (m,), m.
         residual: eta of the agents by these, L_T p - c_T of the targets, padded, shape (V, 3), m.
-        command: commanded velocities, limited, shape (V, 3), m/s.
+        command: Commanded velocities, limited, shape (V, 3), m/s.
         supplied: Velocities commanded by a law in Python, shape (V, 3), m/s; without one, velocities added to the
             compiled law's.
-        held: What the next sample depends on, command included, shape (k,).
+        held: Numbers on which the next sample depends, command included, shape (k,).
         kept: 1 + the number of a step, and `held` before the law was evaluated there, shape (1 + k,); see `look`.
-        terms: what the terms hold.
-        links: what the links hold.
-        custom: What each registered term holds of each vehicle, shape (V, k).
-        compared: What range and bearing edges make of y, shape (m,); y itself where all edges compare positions.
-        safety: What keeps vehicles apart found at the last sample; no part of the state.
-        evaluated: Registered term that was called last, its vehicle, and the time, s, shape (3,); no part of the state.
+        terms: State of the terms.
+        links: State of the links.
+        custom: State of each registered term for each vehicle, shape (V, k).
+        compared: Vectors that are pulled back, minus b, shape (m,); y itself if all edges compare positions.
+        safety: Results of the safety filter at the last sample; not part of the state.
+        evaluated: Number of the registered term called last, its vehicle, and the time, s, shape (3,); not part of the
+            state.
     """
 
     flat: Array
@@ -206,7 +207,7 @@ class Memory(NamedTuple):
 
 
 def new_memory(law: LawArrays, V: int, room: Room | None = None) -> Memory:
-    """The memory of a law of V vehicles before its first sample: zeros, out of a room or of an array of their own."""
+    """Return the memory of a law of V vehicles before its first sample: zeros, from a room or a new array."""
     if room is None:
         return lay_out(lambda room: new_memory(law, V, room))[1]
     m, first, take = len(law.edges.b), law.edges.first, room.take
@@ -238,10 +239,10 @@ def new_memory(law: LawArrays, V: int, room: Room | None = None) -> Memory:
 
 
 def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int, new: Memory | None = None) -> Memory:
-    """The memory of the same vehicles under the law of a phase that begins at a sample, `new` if that is given.
+    """Return the memory of the same vehicles under the law of a phase that begins at a sample; fill `new` if given.
 
-    Vehicles keep what they hold of themselves. An edge that remains keeps what was measured on it, received over it and
-    is under way on it. An agent without edges, which is lost or has yet to join, forgets v and delta.
+    Vehicles keep their own state. An edge that remains keeps its measurements, the messages received over it and those
+    in transit. An agent without edges (lost, or not joined yet) resets v and delta.
     """
     V = len(memory.command)
     new = new or new_memory(law, V)
@@ -251,7 +252,7 @@ def carry(memory: Memory, old: LawArrays, law: LawArrays, sample: int, new: Memo
     kept, rows = edges_kept(old.edges, law.edges)
     gone = np.ones(len(old.edges.tail), dtype=np.bool_)
     gone[kept[kept >= 0]] = False
-    changed = np.zeros(V, dtype=np.bool_)  # vehicles that listen on an edge which is new, or is there no more
+    changed = np.zeros(V, dtype=np.bool_)  # vehicles moved by an edge that is new or was removed
     for edges, which in ((old.edges, gone), (law.edges, kept < 0)):
         changed[edges.tail[which & edges.listens[:, 0]]] = True
         changed[edges.head[which & edges.listens[:, 1]]] = True
@@ -274,7 +275,7 @@ def edges_kept(old: EdgeArrays, new: EdgeArrays) -> tuple[IntArray, IntArray]:
     """Find the edges that two laws share: edges of the same kind and ends, with the same maps.
 
     Returns:
-        The number of each new edge among the old ones, shape (E,), and where its numbers y_e were, shape (m,); -1 for
+        The number of each new edge among the old ones, shape (E,), and the old indices of its y_e, shape (m,); -1 for
         an edge that is not among them.
     """
     known = {name: e for e, name in enumerate(_names(old))}
@@ -292,7 +293,7 @@ def edges_kept(old: EdgeArrays, new: EdgeArrays) -> tuple[IntArray, IntArray]:
 
 
 def _names(edges: EdgeArrays) -> Iterator[tuple[int, int, bool, int]]:
-    """Tail, head, whether both listen, and the number among edges of which all of that is the same, of each edge."""
+    """Yield tail, head, True if the edge moves both, and its number among edges equal in these three, for each edge."""
     met = dict[tuple[int, int, bool], int]()
     for tail, head, both in zip(edges.tail.tolist(), edges.head.tolist(), edges.listens[:, 1].tolist(), strict=True):
         nth = met.get((tail, head, both), 0)
@@ -301,7 +302,7 @@ def _names(edges: EdgeArrays) -> Iterator[tuple[int, int, bool, int]]:
 
 
 def _carry_links(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, kept: IntArray, sample: int) -> None:
-    """Carry what links hold, also of edges that have one in one of two phases only: see `carry`."""
+    """Carry the state of links over to the next phase, also for edges with a link in only one of them: see `carry`."""
     before, now = memory.links, new.links
     if len(before.attitude) == len(now.attitude):  # sensors need it in both phases, or in neither
         now.attitude[:] = before.attitude
@@ -379,7 +380,7 @@ def evaluate_law(control, t, x, carried, memory):
 
 @inline_jit
 def look(step, held, kept):
-    """Keep what onboard computers hold at a step at which the law is evaluated, possibly again; see `unlook`."""
+    """Save the state of the onboard computers at a step at which the law is evaluated, possibly again; see `unlook`."""
     unlook(step, held, kept)
     kept[0] = step + 1.0
     for k in range(held.shape[0]):
@@ -388,9 +389,9 @@ def look(step, held, kept):
 
 @inline_jit
 def unlook(step, held, kept):
-    """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was.
+    """Restore the state of the onboard computers from before the law was evaluated at this step, if it was.
 
-    A sample counts once, however often the law is evaluated there before the next step.
+    A sample counts once, however often the law is evaluated at it before the next step.
     """
     if kept[0] == step + 1.0:
         for k in range(held.shape[0]):
@@ -440,15 +441,15 @@ def _disagreement(law, times, x, y, residual):
 
 
 def disagreement(law: LawArrays, positions: Array, times: Array | None = None) -> Array:
-    """eta = delta^T K (delta x - b) of every vehicle, as the loops compute it where links are exact.
+    """Compute eta = delta^T K (delta x - b) of every vehicle, as the loops do over exact links.
 
     Args:
-        law: the law.
-        positions: padded, shape (..., V, 3), m.
+        law: The law.
+        positions: Positions, padded, shape (..., V, 3), m.
         times: Time of each of them, s, if offsets change; see `with_ramp`.
 
     Returns:
-        Of the same shape, m; of targets L_T p - c_T, zero in what a vehicle has no coordinate for.
+        eta of agents and L_T p - c_T of targets, padded, shape (..., V, 3), m.
     """
     x = np.ascontiguousarray(positions, dtype=np.float64)
     flat = x.reshape(-1, *x.shape[-2:])
@@ -470,13 +471,13 @@ def pack_law(
     """Assemble the law of a team.
 
     Args:
-        team: the team.
+        team: The team.
         gain: k1 of the agents, 1/s.
-        target_gain: Gain of the targets' own consensus, 1/s, or that of each, shape (M,); 0 where they have none.
-        limits: largest commanded speed of each vehicle, m/s, shape (V,).
-        terms: beyond the paper's law.
+        target_gain: Gain of the targets' own consensus, 1/s, or that of each, shape (M,); 0 if they have none.
+        limits: Largest commanded speed of each vehicle, shape (V,), m/s.
+        terms: Terms in addition to the paper's law.
         links: Links of its edges; exact unless given.
-        custom: registered terms.
+        custom: Registered terms.
         seed: Seed of the run.
     """
     gains = np.concatenate([np.full(len(team.agents), gain), np.broadcast_to(target_gain, len(team.targets))])
@@ -516,11 +517,11 @@ def with_ramp(law: LawArrays, team: Team) -> LawArrays:
 
 
 def pack_edges(members: Sequence[Member], kinds: Sequence[tuple[Sequence[Edge], bool]]) -> EdgeArrays:
-    """Edges as arrays.
+    """Pack edges into arrays.
 
     Args:
-        members: the vehicles.
-        kinds: edges, and whether their heads listen too.
+        members: The vehicles.
+        kinds: Lists of edges, each with True if its edges also move their heads.
     """
     edges = [e for kind, _ in kinds for e in kind]
     listens = np.array([(True, both and not e.directed) for kind, both in kinds for e in kind], dtype=np.bool_)

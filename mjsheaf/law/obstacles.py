@@ -106,7 +106,7 @@ class Capsule(Obstacle):
         return self
 
     def shape(self) -> Shape:
-        """Return the middle of the segment, half its length with the radius, and the way from one end to the other."""
+        """Return the centre of the segment, half its length, the radius, and the direction of the segment."""
         span = np.array([*np.subtract(self.ends[1], self.ends[0]), 0.0][:3])
         length = np.linalg.norm(span, axis=0)
         middle = [0.5 * (a + b) for a, b in zip(*self.ends, strict=True)]
@@ -257,7 +257,7 @@ def distances(obstacles: ObstacleArrays, times: Array, points: Array) -> Array:
 
 
 def centres(obstacles: ObstacleArrays, time: float) -> Array:
-    """Return the centre of every obstacle at a time in s, of a half-space its point, shape (K, 3), m."""
+    """Return the centre of every obstacle (the point of a half-space) at a time in s, shape (K, 3), m."""
     found = [position_at(obstacles.motion, k, float(time)) for k in range(len(obstacles.kind))]
     return np.array(found, dtype=np.float64).reshape(-1, 3)
 

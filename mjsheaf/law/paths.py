@@ -5,19 +5,19 @@ is the paper's: the flow carries the target away from its reference. The consens
 
 The curve through recorded positions is a cubic spline (not-a-knot), unless that leaves the track.
 
-A spline through uneven samples can swing far off them: two messages 50 us apart whose positions differ by 1 cm give it
-a slope of 200 m/s. So each piece is compared with its chord. Let c_j be the length of chord j, h_j its duration, and
+A spline through uneven samples can deviate far from them: two messages 50 us apart whose positions differ by 1 cm give
+it a slope of 200 m/s. So each piece is compared with its chord. Let c_j be the length of chord j, h_j its duration, and
 m the median duration. Piece k stays on the track if it is never farther from its chord than
 
     2.1 max_j(c_j / 2^|j - k|) min(1, 2 m / h_k)   or 1 mm.
 
-Through even samples no spline of this kind exceeds 1.944 of that, whatever they are, ends included: its deviation is
-linear in the chords, sum_j w_kj c_j, and sup_k sum_j |w_kj| 2^|j - k| = 1.944. Even samples therefore keep their
-spline. The last factor is for gaps, where a spline extrapolates the noise of both slopes.
+Evenly spaced samples always keep their spline. For them, a factor of 1.944 in place of 2.1 suffices, ends included: the
+deviation is linear in the chords, sum_j w_kj c_j, and sup_k sum_j |w_kj| 2^|j - k| = 1.944. The last factor is for
+gaps, where a spline extrapolates the noise of both slopes.
 
-Where a piece leaves the track, two things happen. Samples that follow another one within a tenth of m are left out.
-If that does not suffice, both ends of the piece get the slopes of PCHIP, with which it is monotone between its samples;
-the other ends keep theirs. Position and velocity stay continuous.
+If a piece leaves the track, samples that follow another one within a tenth of m are left out. If that does not suffice,
+both ends of the piece get the slopes of PCHIP, which make it monotone between its samples; the other ends keep their
+slopes. Position and velocity stay continuous.
 """
 
 from collections.abc import Sequence
@@ -134,9 +134,14 @@ _ORDER = 6  # coefficients of the quintic pieces of a waypoint path
 class MotionArrays(NamedTuple):
     """References of all vehicles.
 
-    pull (V,) 1/s; origin (V, 3) m; amplitude (V, 3) m, rate (V, 3) rad/s and phase (V, 3) rad of the Lissajous part;
-    path (V, 2): first knot and number of pieces; period (V,) s of a closed path, else 0; knots (P,) s;
-    coefficients (P, 6, 3), highest power first.
+    Attributes:
+        pull: Rate of return to the reference, shape (V,), 1/s.
+        origin: Centre of the Lissajous part, shape (V, 3), m; not used with a path.
+        amplitude, rate, phase: Amplitude, m, rate, rad/s, and phase, rad, of the Lissajous part, shape (V, 3) each.
+        path: First knot of each path and number of its pieces, shape (V, 2).
+        period: Period of a closed path, shape (V,), s; else 0.
+        knots: Times of the knots of all paths, shape (P,), s.
+        coefficients: Coefficients of the pieces, highest power first, shape (P, 6, 3).
     """
 
     pull: Array
@@ -192,7 +197,7 @@ def piece_at(motion, v, t):
 
 @inline_jit
 def position_at(motion, v, t):
-    """Return where the reference of v is at time t, s, as three numbers, m."""
+    """Return the position of the reference of v at time t, s, as three numbers, m."""
     if motion.path[v, 1] > 0:
         k, h = piece_at(motion, v, t)
         x, y, z = 0.0, 0.0, 0.0
@@ -248,7 +253,7 @@ class Waypoints(Tagged):
     pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it [1/s]")
 
     def spline(self, initial: Array, start: float, end: float) -> "PPoly":
-        """The path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial.
+        """Return the path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial.
 
         `end` is not used: the path has its own duration.
 
@@ -291,11 +296,11 @@ class _Source(Tagged):
 class Recorded(Selection, _Source):
     """A path through recorded positions: a cubic spline (not-a-knot) through the samples, unless that leaves the track.
 
-    Its velocity is the reference; what lies between the target's initial position and the path's, pull takes away. A
-    loaded scenario has the samples of a file in place of its path. See `mjsheaf.law.paths` for uneven samples.
+    Its velocity is the reference. `pull` removes the difference between the initial positions of target and path. A
+    loaded scenario has the samples of a file in place of the file's path. See `mjsheaf.law.paths` for uneven samples.
     """
 
-    pull: NonNegative = Field(1.0, description="return to the path where the target is off it [1/s]")
+    pull: NonNegative = Field(1.0, description="return to the path when the target is off it [1/s]")
 
     @model_validator(mode="after")
     def _one_source(self) -> "Recorded":
@@ -318,10 +323,11 @@ class Recorded(Selection, _Source):
         return Recorded(samples=read_positions(self.path, self), pull=self.pull)
 
     def spline(self, initial: Array, start: float, end: float) -> "PPoly":
-        """The path, m, over time, s, in as many coordinates as the target's initial position (n,) has.
+        """Return the path, m, over time, s, in the dimension n of the target's initial position (n,).
 
         Raises:
-            InputError: samples are of another dimension, do not rise, or do not cover the run from `start` to `end`.
+            InputError: Samples have another dimension, do not rise in time, or do not cover the run from `start` to
+                `end`.
         """
         path = self.curve(len(initial)).path
         if path.x[0] > start + _CLOCK or path.x[-1] < end - _CLOCK:  # the path stands still for that long
@@ -330,10 +336,10 @@ class Recorded(Selection, _Source):
         return path
 
     def curve(self, n: int) -> Curve:
-        """The curve through the first n coordinates of the samples, m, and what there is to say about it.
+        """Return the curve through the first n coordinates of the samples, m, with its note.
 
         Raises:
-            InputError: samples are of another dimension, or do not rise.
+            InputError: Samples have another dimension, or do not rise in time.
         """
         samples = self.read().samples or []
         for k, row in enumerate(samples):
@@ -347,7 +353,7 @@ class Recorded(Selection, _Source):
 
 
 class Fixed(Tagged):
-    """No motion at all: it stays where it begins, whatever flows.
+    """No motion at all: it stays at its initial position in any flow.
 
     On ideal kinematics it does not move. A body holds the position by itself: it compensates for the medium that it
     measures, as far as its thrusters can. Neither disturbance nor `target_formation` moves it.
@@ -390,15 +396,15 @@ def pack_motions(
     """Pack the reference of each vehicle (None: none) into arrays.
 
     Args:
-        motions: one for each vehicle.
-        positions: initial positions, shape (V, 3), m.
-        start: initial time, s.
-        dimensions: dimension of each vehicle.
-        end: time, s, up to which recorded positions must reach; `start` unless given.
+        motions: Motion of each vehicle, or None.
+        positions: Initial positions, shape (V, 3), m.
+        start: Initial time, s.
+        dimensions: Dimension of each vehicle.
+        end: Time up to which recorded positions must reach, s; `start` unless given.
         names: Name of each vehicle's motion in messages; its number unless given.
 
     Raises:
-        InputError: a motion has the wrong dimension, a path visits the same point twice in a row, or recorded positions
+        InputError: A motion has the wrong dimension, a path visits the same point twice in a row, or recorded positions
             do not cover the run.
     """
     V = len(motions)
@@ -435,10 +441,10 @@ def pack_motions(
 
 
 def reference_bounds(motion: MotionArrays, parts: int = 1) -> tuple[Array, Array]:
-    """Bounds for all t on the speed |v(t)|, m/s, and the acceleration |v'(t)|, m/s^2, of every reference, shapes (V,).
+    """Bound the speed |v(t)|, m/s, and the acceleration |v'(t)|, m/s^2, of every reference for all t, shape (V,) each.
 
-    A piece of a path is a polynomial, which lies in the convex hull of its Bernstein coefficients; cut into `parts`,
-    the hulls are tighter.
+    A piece of a path is a polynomial, which lies in the convex hull of its Bernstein coefficients. If it is cut into
+    `parts`, the hulls are tighter.
     """
     from scipy.interpolate import BPoly, PPoly
 

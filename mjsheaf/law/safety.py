@@ -20,21 +20,20 @@ the range to within D in one period. A pair closer than D / 2 gets a weaker cons
 scales commands, which keeps constraints whose bound is not positive. For the others it is part of the problem: see
 `nearest_within`.
 
-What is far is not in the way. Let q = s + d + |u_law| / w_i, with the largest s, d and 1 / w_i of any vehicle, and D
-the largest distance. Beyond r = q / gamma + sqrt((q / gamma)^2 + D^2), gamma (r^2 - D^2) / (2 r) > q, and the bound
-on n . u_i with n = z / |z| is below -|u_law|. The law's command satisfies it, and so does zero. If all vehicles
-within range are farther, the command stays, and no constraint is written.
+Distant vehicles and obstacles impose no constraint. Let q = s + d + |u_law| / w_i, with the largest s, d and 1 / w_i of
+any vehicle, and D the largest distance. Beyond r = q / gamma + sqrt((q / gamma)^2 + D^2), gamma (r^2 - D^2) / (2 r) is
+above q, and the bound on n . u_i with n = z / |z| is below -|u_law|. The law's command satisfies it, and so does zero.
+If all vehicles within range are farther, the command is kept, and no constraint is written.
 
-If the law's command satisfies all constraints, it does not change by a bit. Which vehicles are within range follows
-from positions, for any edges and links of the team: every agent has a separate sensor of this range.
+If the law's command satisfies all constraints, it is kept bit for bit. Which vehicles are within range depends on
+positions alone, not on the edges and links of the team: every agent has a separate sensor of this range.
 
-Vehicles near one another, by a grid of cells, for compiled code.
+Neighbours are found with a grid. Space is divided into cells at least as wide as the range, so the neighbours of a
+vehicle lie in its own cell and those around it. Cells are numbered along x first, and vehicles are sorted by cell, so
+the vehicles of three cells in a row are contiguous. There are at most two cells for each vehicle, so the work is
+proportional to the number of vehicles.
 
-Space is cut into cells at least as wide as the range, so that the neighbours of a vehicle lie in its own cell and those
-around it. Cells along x follow one another, and vehicles are sorted by cell, so that three cells in a row are one run
-of vehicles. There are at most two cells a vehicle: the work is proportional to the number of vehicles.
-
-Velocity nearest to a desired one under linear inequalities and a speed limit, in R^3, for compiled code.
+The nearest velocity u to a desired velocity w in R^3 solves
 
     minimise |u - w|^2  subject to  a_k . u >= c_k for every k, and |u| <= limit
 
@@ -76,16 +75,16 @@ _FEW = 32  # vehicles that lie in one cell, which is quicker than several
 
 
 class Cells(NamedTuple):
-    """A grid of cells; all of its arrays are scratch space, and what is found with them does not depend on it.
+    """A grid of cells. All of its arrays are scratch space; results do not depend on their previous contents.
 
-    They hold whole numbers as float64, as all that is part of the one array of a run.
+    Whole numbers are stored as float64, because these arrays are parts of the one array of a run.
 
     Attributes:
         places: Positions of all vehicles in one space, shape (V, 3), m.
         corner: Smallest coordinates of the grid, shape (3,), m.
-        shape: Number of cells along each axis, and how many there are in a metre, shape (4,).
+        shape: Number of cells along each axis, and number of cells per metre, 1/m, shape (4,).
         cell: Number of each vehicle's cell, shape (V,).
-        start: Where the vehicles of each cell begin in `order`, shape (2 V + 1,).
+        start: Index in `order` at which the vehicles of each cell begin, shape (2 V + 1,).
         order: Vehicles sorted by cell, and in a cell by number, shape (V,).
         sorted: Positions in this order, shape (V, 3), m.
         found: Vehicles near one vehicle, not in order, shape (V,).
@@ -102,7 +101,7 @@ class Cells(NamedTuple):
 
 
 def new_cells(V: int, take: Take = np.zeros) -> Cells:
-    """Return room for the cells of V vehicles; none at all for none."""
+    """Return a grid with room for V vehicles; all arrays are empty if V is 0."""
     some = V > 0
     return Cells(
         places=take((V, 3)),
@@ -120,7 +119,7 @@ def new_cells(V: int, take: Take = np.zeros) -> Cells:
 def _lay_out(cells, reach):
     """Choose the width of the cells and their number along each axis; return False for positions that blew up.
 
-    The few vehicles that are far from all others count for the outermost cells: they would make all cells wide.
+    Vehicles far from all others are assigned to the outermost cells, because otherwise they would make all cells wide.
     """
     V, shape = cells.places.shape[0], cells.shape
     for axis in range(3):
@@ -222,9 +221,9 @@ def find_near(cells, v, reach, near):
 
 CORRECTION, WANTED, CAUSE, VIOLATION = 0, 1, 2, 3
 """Columns of `SafetyMemory.found`."""
-_SMALLEST = 1e-6  # share of a direction in an agent's own space, below which the agent cannot act along it
-_CLEARLY = 1e-9  # fraction by which a squared distance exceeds another one, whatever was rounded
-_INSIDE = 0.5  # of the distance to keep: closer than that, bounds stay finite
+_SMALLEST = 1e-6  # fraction of a direction in an agent's own space, below which the agent cannot act along it
+_CLEARLY = 1e-9  # fraction by which one squared distance exceeds another, despite rounding
+_INSIDE = 0.5  # fraction of the required distance, below which the constraint is weakened
 
 
 class SafetyArrays(NamedTuple):
@@ -326,7 +325,7 @@ def pack_safety(
     start: float,
     end: float,
 ) -> SafetyArrays:
-    """Return the section for compiled code, for V vehicles; see `SafetyArrays` for carried and unsteady.
+    """Pack the section `safety` for V vehicles, for compiled code.
 
     Args:
         safety: The section.
@@ -335,10 +334,10 @@ def pack_safety(
         height: Height of planar vehicles, m.
         limit: Largest commanded speed of each vehicle, shape (V,), m/s.
         yields: True for present agents, shape (V,).
-        radius: Radius of each vehicle, which counts if the distance is their size, shape (V,), m.
+        radius: Radius of each vehicle, shape (V,), m; used if `distance` is 'size'.
         margin: Addition to the distance for each vehicle, shape (V,), m.
         speed: Bound on the speed relative to the medium of a vehicle that does not yield, shape (V,), m/s.
-        carried, unsteady: Bounds of the medium about each vehicle.
+        carried, unsteady: Velocity of the medium around each vehicle; see `SafetyArrays`.
         period: Time for which commands are held, s.
         start, end: Start and end time of the run, s.
 
@@ -434,7 +433,7 @@ class SafetyMemory(NamedTuple):
 
 
 def new_safety_memory(safety: Any, V: int, take: Take) -> SafetyMemory:
-    """Return the memory of V vehicles; empty where there is nothing to keep."""
+    """Return the memory of V vehicles; empty without a safety filter."""
     if not safety:
         return SafetyMemory(take((V, 0)), take((0, 5)), take(0), new_cells(0, take))
     rows = V + len(safety.obstacles.kind)
@@ -446,7 +445,7 @@ def keep_apart(safety, limit, t, x, memory):
     """Replace commands that bring agents too close to something, unless `safety` is ().
 
     Args:
-        safety: Parameters of the filter; () without anything to keep.
+        safety: Parameters of the filter; () without one.
         limit: Largest commanded speed of each vehicle, shape (V,), m/s.
         t: Time, s.
         x: Positions, shape (V, 3), m.
@@ -499,10 +498,10 @@ def _filter(safety, t, v, limit, command, work):
 
 @inline_jit
 def _find_close(safety, v, work):
-    """Write the vehicles within range of agent v to work.rows, in their order: relative place, m, its square, number.
+    """Write the vehicles within range of agent v to work.rows, in their order: relative position, its square, number.
 
     Returns:
-        Their number, and the squared distance of the nearest, m^2; infinite if there is none.
+        The number of vehicles, and the squared distance of the nearest, m^2; infinite if there is none.
     """
     count, least, own = find_near(work.cells, v, safety.reach, work.close), np.inf, triple(work.cells.places[v])
     for k in range(count):
@@ -529,7 +528,7 @@ def _face_vehicle(safety, v, own, planar, inside, row, work):
         inside: True if a vehicle may be closer than half the distance to keep.
     """
     square, j = row[3], int(row[4])
-    if inside and square == 0.0:  # on top of one another: the first goes along x, the other the other way
+    if inside and square == 0.0:  # at the same position: the first vehicle is pushed along x, the other along -x
         row[0] = 1e-12 if v < j else -1e-12
         square = row[0] * row[0]
     away = np.sqrt(square)
@@ -543,7 +542,7 @@ def _face_vehicle(safety, v, own, planar, inside, row, work):
     if inside and away < _INSIDE * D:
         grown = square + safety.period * safety.rate * (D * D - square)
         fall = (away - np.sqrt(grown)) / safety.period
-    weight = 0.5 if share == own[1] else own[1] / (own[1] + share)  # the same to a bit, most often
+    weight = 0.5 if share == own[1] else own[1] / (own[1] + share)  # exactly a half for equal shares
     nx, ny, nz = row[0] * inverse, row[1] * inverse, row[2] * inverse
     _write(planar, v, nx, ny, nz, weight * (parting - fall), row, work)
 
@@ -569,7 +568,7 @@ def _write(planar, v, nx, ny, nz, bound, row, work):
     """Write the constraint n . u >= bound of agent v."""
     if planar:
         nz = 0.0
-        if nx * nx + ny * ny < _SMALLEST * _SMALLEST:  # above or below the agent, which can do nothing
+        if nx * nx + ny * ny < _SMALLEST * _SMALLEST:  # above or below a planar agent, which cannot act along n
             work.found[v, VIOLATION] = max(work.found[v, VIOLATION], bound)
             nx, ny, bound = 0.0, 0.0, -np.inf
     row[0] = nx
@@ -580,13 +579,13 @@ def _write(planar, v, nx, ny, nz, bound, row, work):
 
 @inline_jit
 def _shortfall(rows, k, x, y, z):
-    """Compute by how much a velocity violates constraint k, m/s; negative if it satisfies it."""
+    """Compute the amount by which a velocity violates constraint k, m/s; negative if it satisfies it."""
     return rows[k, 3] - (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z)
 
 
 @inline_jit
-def _give_way(safety, v, count, limit, wanted, command, work):
-    """Replace the command of agent v, whose size is `wanted`, by the nearest that satisfies `count` constraints."""
+def _give_way(safety, v, count, limit, desired, command, work):
+    """Replace the command of agent v, of size `desired`, m/s, by the nearest that satisfies `count` constraints."""
     wx, wy, wz = command[0], command[1], command[2]
     worst, largest, cause, first = 0.0, -np.inf, 0.0, 0
     for k in range(count):
@@ -596,18 +595,18 @@ def _give_way(safety, v, count, limit, wanted, command, work):
             worst = short
             cause = work.rows[k, 4] + 1.0
             first = k
-    for i in range(4):  # it is active most often, and few others are violated where it is
+    for i in range(4):  # the most violated constraint is usually active, and few others are violated at its minimum
         work.rows[first, i], work.rows[0, i] = work.rows[0, i], work.rows[first, i]
-    scale = limit / wanted if wanted > limit else 1.0
+    scale = limit / desired if desired > limit else 1.0
     work.found[v, CAUSE] = cause
-    work.found[v, WANTED] = scale * wanted
-    if worst == 0.0 and (largest <= 0.0 or wanted <= limit):
+    work.found[v, WANTED] = scale * desired
+    if worst == 0.0 and (largest <= 0.0 or desired <= limit):
         return
-    if largest > 0.0 and wanted > limit and (worst == 0.0 or not safety.right):
+    if largest > 0.0 and desired > limit and (worst == 0.0 or not safety.right):
         most = -np.inf
         for k in range(count):
             most = max(most, _shortfall(work.rows, k, scale * wx, scale * wy, scale * wz))
-        if most <= 0.0:  # then this is the nearest one, and the speed limit applies to the law's command as it is
+        if most <= 0.0:  # then this is the nearest velocity: the law's command, scaled to the speed limit
             return
     aside_x, aside_y = 0.0, 0.0
     for k in range(count if safety.right else 0):
@@ -633,7 +632,7 @@ _BISECTIONS = 60
 
 @inline_jit
 def _lacks(rows, k, shift, x, y, z):
-    """Return by how much constraint k falls short at a velocity, m/s, less rounding; positive where it is violated."""
+    """Return the shortfall of constraint k at a velocity, m/s, minus rounding; positive if it is violated."""
     short = rows[k, 3] - shift - (rows[k, 0] * x + rows[k, 1] * y + rows[k, 2] * z)
     if short <= 0.0:
         return short
@@ -694,11 +693,11 @@ def nearest(rows, count, shift, wx, wy, wz):
     Args:
         rows: a_k and c_k of each constraint, shape (>= count, >= 4), c_k in m/s.
         count: Number of constraints.
-        shift: What is taken off every c_k, m/s.
+        shift: Amount subtracted from every c_k, m/s.
         wx, wy, wz: The velocity w, m/s.
 
     Returns:
-        True if there is one, and its components, m/s.
+        True if there is such a velocity, and its components, m/s.
     """
     x, y, z = wx, wy, wz
     for k in range(count):
@@ -724,11 +723,12 @@ def nearest_within(rows, count, limit, wx, wy, wz):
     satisfies the constraints when it is scaled down.
 
     Args:
-        rows, count, wx, wy, wz: As for `nearest`.
+        rows, count, wx, wy, wz: See `nearest`.
         limit: Largest speed, m/s; may be infinite.
 
     Returns:
-        Its components, and the smallest possible largest violation, m/s: 0 unless the constraints are infeasible.
+        The components of the velocity, and the minimum of the largest violation, m/s: 0 unless the constraints are
+        infeasible.
     """
     found, x, y, z = nearest(rows, count, 0.0, wx, wy, wz)
     largest = -np.inf

@@ -16,24 +16,24 @@ Differences need earlier samples. At the first sample of a run feedforward and d
 in a phase, the target is assumed to move with v for one sample. v is extrapolated once rounds have reduced the initial
 residual to a thousandth. After a change of its edges an agent waits for that again; the others do not.
 
-Rounds over links. Solving H x = b, agent i is sent F_j x_j by its neighbours. Where all of that arrives at once, rounds
-are Chebyshev's iteration (`solve`). Over links with a delay, losses or a range, every agent instead takes its own
-numbers towards the solution of its own rows, given the last message it received (damped block Jacobi), a round a period
-under a delay:
+Rounds over links. To solve H x = b, agent i receives F_j x_j from its neighbours. If all messages arrive at once,
+rounds are Chebyshev's iteration (`solve`). Over links with a delay, losses or a range, every agent instead moves its
+own numbers towards the solution of its own rows, given the last messages it received (damped block Jacobi). Under a
+delay there is one round a period:
 
     x_i <- x_i + w D_i^-1 (b_i - D_i x_i + sum F_i^T K z_e),   D_i = H_ii,   z_e = the last F_j x_j that arrived
 
-Its fixed point is the same. It converges whatever the delay is: where H is positive definite, eigenvalues mu of
+The fixed point is the same. The iteration converges for any delay: if H is positive definite, the eigenvalues mu of
 D^-1 (D - H) lie in [-1, 1), as F_i x_i + F_j x_j has a Laplacian too, and then no root of z^(d+1) = (1 - w) z^d + w mu
-is on the unit circle or beyond (0 < w < 1). Nor does a loss with a probability p of its own each time, after which
-neighbours' last numbers stay, let it diverge: F_i x_i solves agent i's rows by a projection of z, so that the mean of
+is on the unit circle or beyond (0 < w < 1). It does not diverge under independent losses with probability p either,
+after which the last numbers of neighbours are kept: F_i x_i solves agent i's rows by a projection of z, so the mean of
 (1 - w) / w |F x|_K^2 + |z|_K^2 / (1 - p) falls.
 
-H of range and bearing edges changes with what is measured. In place of D_i^-1 there is the inverse of E_i, an upper
-bound of D_i. Under a delay, while H stays the same and is positive definite, rounds converge too: v in
+H of range and bearing edges changes with the measurements. In place of D_i^-1 there is the inverse of E_i, an upper
+bound of D_i. Under a delay, while H is constant and positive definite, rounds converge too: v in
 z v = v - w E^-1 D v + w z^-d E^-1 (D - H) v, multiplied by v* E and divided by v* E v, gives z = 1 - w a + w m z^-d,
-0 < a <= 1 and -a <= m < a, and |z| >= 1 would need z^-d m = a with |z| = 1, thus z = 1 and m = a. That losses leave the
-same result, and that an H which changes slowly does, is tested, not proven.
+0 < a <= 1 and -a <= m < a, and |z| >= 1 would need z^-d m = a with |z| = 1, thus z = 1 and m = a. Convergence under
+losses, and with an H that changes slowly, is tested, not proven.
 """
 
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ from mjsheaf.team import Team
 from mjsheaf.team.links import Link, LinkModel, Links, RoundLink, model_of, whole_periods
 
 NEWTON, FEEDFORWARD = 0, 1
-"""Whose rounds they are."""
+"""Terms with rounds; indices of their messages in `RoundMemory`."""
 
 _WEIGHT = 0.9  # w
 _COUNT = 2**20  # random numbers of rounds are counted from here on within a sample: apart from those of measurements
@@ -66,10 +66,10 @@ class RoundArrays(NamedTuple):
         delay: Delay of a message, periods; if positive, there is one round a period.
         loss: Link with the chain of losses of each edge.
         streams: Random streams, shape (C, 2).
-        range: beyond which an edge carries no messages, shape (C,), m.
-        lift: what is added to z for the distance between bodies, shape (V,), m.
+        range: Range of each edge, beyond which it carries no messages, shape (C,), m.
+        lift: Addition to z for the distance between bodies, shape (V,), m.
         own, inverse: D_i of each agent and its pseudo-inverse, shape (N, 3, 3).
-        stiffest: largest eigenvalue of any D_i.
+        stiffest: Largest eigenvalue of any D_i.
     """
 
     present: tuple[int, ...] = ()
@@ -88,7 +88,12 @@ class RoundArrays(NamedTuple):
         return bool(self.present)
 
     def settling(self, rounds: int, low: float) -> float:
-        """Fraction of the slowest error that the rounds of one period remove, nearly; `low` bounds H from below."""
+        """Return about the fraction of the slowest error that the rounds of one period remove.
+
+        Args:
+            rounds: Number of rounds in a sample.
+            low: Lower bound on the eigenvalues of H.
+        """
         if self.stiffest == 0.0:  # no edge is left
             return 1.0
         lost = self.loss.bad * self.loss.loss_bad + (1.0 - self.loss.bad) * self.loss.loss_good
@@ -97,16 +102,16 @@ class RoundArrays(NamedTuple):
 
 
 class RoundMemory(NamedTuple):
-    """Messages received by agents, and messages under way, on C communication edges with m numbers in all.
+    """Messages received by agents, and messages in transit, on C communication edges with m numbers in all.
 
     Arrays by term have an axis for NEWTON and FEEDFORWARD; arrays by end have one for the tail and the head as senders.
 
     Attributes:
         state: State of the chain of each edge: 0 before it begins, 1 good, 2 bad, shape (C,).
-        arrived: 1 if something has arrived that an end sent, by term and end, shape (2, 2, C).
-        last: Last of that, shape (2, 2, m).
-        stamps: 1 + the number of the sample at which a message was sent and not lost, in a slot for each sample under
-            way, shape (delay + 1, 2, 2, C). A slot is written once.
+        arrived: 1 if a message from an end has arrived, by term and end, shape (2, 2, C).
+        last: Numbers of the last message that arrived, shape (2, 2, m).
+        stamps: 1 + the number of the sample at which a message was sent and not lost, in a slot for each sample in
+            transit, shape (delay + 1, 2, 2, C). A slot is written once.
         line: Numbers of these messages, shape (delay + 1, 2, 2, m).
     """
 
@@ -124,11 +129,11 @@ def new_lines(rounds: RoundArrays, first: IntArray, take: Take) -> tuple[Array, 
 
 
 def carry_rounds(old: RoundMemory, new: RoundMemory, edges: IntArray, rows: IntArray, sample: int) -> None:
-    """Copy what was sent on the edges that remain, up to a sample of the terms' clock.
+    """Copy the messages on the edges that remain, up to a sample of the terms' clock.
 
     Args:
-        old, new: Memory of either phase.
-        edges, rows: Number of each edge, and of each of its numbers, in the old phase; -1 where it was not there.
+        old, new: Memory of the old and of the new phase.
+        edges, rows: Number of each edge, and of each of its numbers, in the old phase; -1 if it was not there.
         sample: Number of past samples.
     """
     C, m = len(old.state), old.last.shape[-1]
@@ -140,7 +145,7 @@ def carry_rounds(old: RoundMemory, new: RoundMemory, edges: IntArray, rows: IntA
     new.last[..., held] = old.last[..., rows]
     slots = min(len(old.stamps), len(new.stamps))
     for stamps, line in zip(old.stamps, old.line, strict=True):
-        stamp = int(stamps.max(initial=0.0))  # of one sample, but for what was lost
+        stamp = int(stamps.max(initial=0.0))  # all are of one sample, except for lost messages
         if stamp > sample + 1 - slots:
             to = (stamp - 1) % len(new.stamps)
             new.stamps[to][..., kept] = stamps[..., edges]
@@ -148,16 +153,16 @@ def carry_rounds(old: RoundMemory, new: RoundMemory, edges: IntArray, rows: IntA
 
 
 def pack_rounds(team: Team, links: Links, *, period: float, height: float = 0.0) -> RoundArrays:
-    """The links of a team's rounds for compiled code.
+    """Pack the links of a team's rounds for compiled code.
 
     Args:
-        team: the team.
-        links: those of all and of each kind; `links.rounds`, and the range of communication edges, count here.
-        period: the control period, s; 0 where the law is continuous, which has no rounds.
+        team: The team.
+        links: Link parameters; `links.rounds` and the range of communication edges are used.
+        period: Control period, s; 0 if the law is continuous, which has no rounds.
         height: Height of the surface on which planar vehicles move, m.
 
     Raises:
-        InputError: the delay is no whole number of periods, or too long; the message begins with the field.
+        InputError: The delay is not a whole number of periods, or is too long; the message begins with the field.
     """
     wanted = links.rounds or RoundLink()
     with in_field("links.rounds.delay"):
@@ -194,18 +199,18 @@ def relax(edges, rounds, steepest, seed, n, term, count, first, b, y, x, positio
 
     Args:
         edges: Edges of the law.
-        rounds: their links.
-        steepest: Largest 1 / |z| of bearing edges, see TermArrays.
+        rounds: Links of the rounds.
+        steepest: Largest 1 / |z| of bearing edges; see TermArrays.
         seed: Seed of the run.
-        n: number of the sample.
+        n: Number of the sample.
         term: NEWTON or FEEDFORWARD.
-        count: rounds; one under a delay.
+        count: Number of rounds; one under a delay.
         first: Number of rounds already done in this sample.
-        b, x: shape (V, 3).
-        y: Measurements, shape (m,), m, at which H of range and bearing edges is.
+        b, x: Right side, and the solution, which is updated, shape (V, 3).
+        y: Measurements that determine H of range and bearing edges, shape (m,), m.
         positions: Positions of the vehicles, shape (V, 3), m.
-        memory: see RoundMemory.
-        residue: shape (V, 3), overwritten.
+        memory: See RoundMemory.
+        residue: Scratch space, shape (V, 3).
     """
     delay, N = rounds.delay, rounds.own.shape[0]
     for k in range(first, first + (1 if delay else count)):
@@ -285,7 +290,7 @@ def _subtract_at(edges, F, P, a, c, y, e, own, residue):
 
 @inline_jit
 def receive(edges, rounds, steepest, n, term, y, x, memory, residue):
-    """Add to the residue (V, 3) what neighbours sent last; an edge on which nothing ever came adds no difference."""
+    """Add the neighbours' last messages to the residue (V, 3); an edge on which none arrived adds no difference."""
     due = (n + 1) % (rounds.delay + 1)
     for e in range(rounds.streams.shape[0]):
         first, last = edges.first[e], edges.first[e + 1]
@@ -312,7 +317,7 @@ def receive(edges, rounds, steepest, n, term, y, x, memory, residue):
 
 @inline_jit
 def _sent(arrived, number, row, own):
-    """Return a number that a neighbour sent last, or F x of the receiver if nothing ever came."""
+    """Return a number of a neighbour's last message, or of F x of the receiver if no message ever arrived."""
     return number if arrived else row[0] * own[0] + row[1] * own[1] + row[2] * own[2]
 
 
@@ -325,7 +330,7 @@ class Term(Section):
 
 
 class Feedforward(Term):
-    """The velocity of q*, from what agents sense of their targets' velocities."""
+    """The velocity of q*, from the velocities of targets that agents sense."""
 
     rounds: Rounds = Field(3, description=_ROUNDS)
     filter: NonNegative = Field(
@@ -337,19 +342,19 @@ class Feedforward(Term):
 
 
 class Newton(Term):
-    """Straight to q* instead of down the slope of the disagreement."""
+    """Motion straight to q* instead of along the gradient of the disagreement."""
 
     rounds: Rounds = Field(3, description=_ROUNDS)
 
 
 class Drift(Term):
-    """Observer of the velocity that adds to the agent's command."""
+    """Observer of the medium velocity, which adds to the agent's command."""
 
     filter: NonNegative = Field(0.1, description="time constant of the observer [s]")
 
 
 class Integral(Term):
-    """The sum of the disagreement over time, without odometry."""
+    """Integral of the disagreement over time; it needs no odometry."""
 
     gain: Positive = Field(description="k_I [1/s^2]")
     limit: Positive = Field(1e9, description="largest correction [m/s]")
@@ -393,22 +398,22 @@ class TermArrays(NamedTuple):
 
     Attributes:
         present: (1,) with terms; () leaves them out of the compiled code.
-        agents: N; 0 where the law is the paper's.
+        agents: Number of agents N; 0 if the law is the paper's.
         dimension: Dimension of each agent, shape (N,).
-        period: between samples, s.
-        sensing: First and last + 1 of the sensing edges.
-        eigenvalues: Lower and upper bound of those of H.
-        steepest: Largest 1 / |z| with which rounds count bearing edges, shape (C + S,), 1/m; empty without such edges.
+        period: Time between samples, s.
+        sensing: Number of the first sensing edge, and of the edge after the last.
+        eigenvalues: Lower and upper bound of the eigenvalues of H.
+        steepest: Largest 1 / |z| that rounds use for bearing edges, shape (C + S,), 1/m; empty without such edges.
         fresh: True if rounds of newton begin with 0 at every sample.
-        feedforward, newton: rounds; 0 without.
-        measured, drift: share of a new measurement that the filters of target velocity and medium velocity
-            take; drift 0 without.
+        feedforward, newton: Number of rounds; 0 without the term.
+        measured, drift: Weights of a new measurement in the filters of target velocity and medium velocity; drift is 0
+            without that term.
         lead: Lead of feedforward, in samples, shape (N,).
-        settled: samples on the same edges after which an agent's feedforward leads.
-        integral, largest: k_I, 1/s^2, 0 without, and the largest correction, m/s.
+        settled: Number of samples on the same edges after which an agent's feedforward leads.
+        integral, largest: k_I, 1/s^2, 0 without the term, and the largest correction, m/s.
         noise, bias: Noise and bias of odometry, m and m/s.
         streams: Random streams, by the id of each agent, shape (N, 2).
-        rounds: links over which rounds go.
+        rounds: Links of the rounds.
     """
 
     present: tuple[int, ...] = ()
@@ -433,7 +438,7 @@ class TermArrays(NamedTuple):
     rounds: RoundArrays = RoundArrays()
 
     def selected(self, agents: IntArray) -> "TermArrays":
-        """The terms of some of the agents, by number."""
+        """Return the terms of some of the agents, by number."""
         if not self.agents:
             return self
         by_agent = {name: getattr(self, name)[agents] for name in ("dimension", "lead", "streams")}
@@ -441,7 +446,7 @@ class TermArrays(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those that are on."""
+        """Names of the terms that are present."""
         amounts = {name: getattr(self, name) for name in ("feedforward", "newton", "drift", "integral")}
         return tuple(name for name, amount in amounts.items() if amount > 0.0)
 
@@ -451,21 +456,22 @@ class TermMemory(NamedTuple):
 
     Attributes:
         clock: Number of past samples, shape (1,).
-        y: measurements of the sample before, shape (m,), m.
-        rate: F p' of targets, filtered, of sensing edges, shape (m,), m/s.
+        y: Measurements at the previous sample, shape (m,), m.
+        rate: Filtered F p' of the targets, for the numbers of sensing edges, shape (m,), m/s.
         age: Number of past samples with the edge that measures each number, shape (m,).
-        since: samples since the edges of each vehicle last changed, shape (V,).
-        x: Positions at that sample, shape (V, 3), m; an agent knows only their difference to its present position.
-        moved: displacement since then by odometry, shape (V, 3), m.
-        walked: the sum of that since the start, shape (V, 3), m.
-        seen: velocity of the medium since then, as measured, shape (V, 3), m/s.
-        v: the solution of H v = B p', shape (V, 3), m/s.
-        delta: the solution of H delta = -eta, shape (V, 3), m.
-        drift: the observer's, shape (V, 3), m/s.
-        z: integral of eta, shape (V, 3), m s.
-        right: a right side, shape (V, 3).
+        since: Number of samples since the edges of each vehicle last changed, shape (V,).
+        x: Positions at the previous sample, shape (V, 3), m; an agent knows only the difference to its present
+            position.
+        moved: Displacement since the previous sample by odometry, shape (V, 3), m.
+        walked: Sum of these displacements since the start, shape (V, 3), m.
+        seen: Measured velocity of the medium since the previous sample, shape (V, 3), m/s.
+        v: Solution of H v = B p', shape (V, 3), m/s.
+        delta: Solution of H delta = -eta, shape (V, 3), m.
+        drift: Medium velocity estimated by the observer, shape (V, 3), m/s.
+        z: Integral of eta, shape (V, 3), m s.
+        right: Right side of a linear system, shape (V, 3).
         direction, residue: Vectors of Chebyshev's iteration, shape (V, 3).
-        rounds: what was sent in rounds.
+        rounds: Messages of the rounds.
     """
 
     clock: Array
@@ -488,14 +494,14 @@ class TermMemory(NamedTuple):
 
 
 def new_term_memory(terms: TermArrays, first: IntArray, V: int, lines: tuple[Array, Array], take: Take) -> TermMemory:
-    """Return what the terms of V vehicles remember before the first sample.
+    """Return the memory of the terms of V vehicles before the first sample.
 
     Args:
         terms: The terms.
-        first: Where the numbers of each edge begin, shape (E + 1,).
+        first: Index at which the numbers of each edge begin, and m, shape (E + 1,).
         V: Number of vehicles.
-        lines: Messages under way; see `mjsheaf.law.terms.new_lines`.
-        take: Returns zeros of a shape.
+        lines: Messages in transit; see `mjsheaf.law.terms.new_lines`.
+        take: Function that returns zeros of a shape.
     """
     any = int(terms.agents > 0)
     m, V = any * int(first[-1]), any * V
@@ -506,13 +512,13 @@ def new_term_memory(terms: TermArrays, first: IntArray, V: int, lines: tuple[Arr
 
 
 def carry_terms(old: TermMemory, new: TermMemory, edges: IntArray, rows: IntArray, changed: BoolArray) -> None:
-    """Take over, under the law of another phase, all that the terms hold of vehicles and of edges that remain.
+    """Copy the state of the terms, for vehicles and for edges that remain, to the memory of another phase.
 
     Args:
-        old, new: Memory of either phase.
-        edges, rows: where the new edges, and their numbers, were among the old ones, -1 for edges that were not there,
-            shapes (E,) and (m,).
-        changed: True where the edges of a vehicle differ from the phase before, shape (V,).
+        old, new: Memory of the old and of the new phase.
+        edges, rows: Old number of each new edge, shape (E,), and of each of its numbers, shape (m,); -1 for an edge
+            that is new.
+        changed: True for vehicles whose edges differ from the previous phase, shape (V,).
     """
     if not (len(old.clock) and len(new.clock)):
         return
@@ -525,10 +531,10 @@ def carry_terms(old: TermMemory, new: TermMemory, edges: IntArray, rows: IntArra
 
 
 def require_symmetric(terms: TermArrays) -> None:
-    """Refuse terms whose rounds solve with H in a team whose directed edges make it asymmetric.
+    """Refuse terms whose rounds solve with H if directed edges make it asymmetric.
 
     Raises:
-        InputError: There is one; the message begins with the field.
+        InputError: There is such a term; the message begins with the field.
     """
     for name in ("feedforward", "newton"):
         if getattr(terms, name):
@@ -545,13 +551,13 @@ def pack_terms(
     rounds: RoundArrays | None = None,
     slopes: Slopes | None = None,
 ) -> TermArrays:
-    """The terms of a law for compiled code, on ideal kinematics.
+    """Pack the terms of a law for compiled code, on ideal kinematics.
 
     Args:
-        terms: the terms.
-        team: the team.
-        period: between samples, s; with terms it is positive.
-        rounds: links over which they go; perfect ones unless given.
+        terms: The terms.
+        team: The team.
+        period: Time between samples, s; positive if there are terms.
+        rounds: Links of their rounds; perfect ones unless given.
         slopes: Bounds on H, which rounds of a team with range or bearing edges need.
 
     Raises:
@@ -599,7 +605,10 @@ def pack_terms(
 
 
 def with_eigenvalues(terms: TermArrays, low: float, high: float, *, settled: float = 1e-3) -> TermArrays:
-    """The terms, with bounds on the eigenvalues of H; v may be extrapolated once rounds leave `settled` of an error."""
+    """Return the terms with bounds on the eigenvalues of H.
+
+    Feedforward leads once the rounds have reduced the initial error to the fraction `settled`.
+    """
     left = contraction(terms.feedforward, low, high)
     if terms.rounds.imperfect:
         left = 1.0 - terms.rounds.settling(terms.feedforward, low)
@@ -608,7 +617,10 @@ def with_eigenvalues(terms: TermArrays, low: float, high: float, *, settled: flo
 
 
 def contraction(rounds: int, low: float, high: float) -> float:
-    """Bound what rounds leave of an error in the 2-norm: 1 / T_r((kappa + 1) / (kappa - 1)), kappa = high / low."""
+    """Bound the fraction of an error that rounds leave, in the 2-norm.
+
+    It is 1 / T_r((kappa + 1) / (kappa - 1)) with kappa = high / low.
+    """
     if rounds == 0 or high <= low:
         return float(rounds == 0)
     return float(1.0 / np.cosh(min(rounds * np.arccosh((high + low) / (high - low)), 700.0)))
@@ -619,8 +631,8 @@ class Traffic:
     """Messages between agents.
 
     Attributes:
-        rounds: Exchanges, in each of which every agent sends to all its neighbours; measuring is none. A law in Python
-            calls `Sample.exchange`.
+        rounds: Number of exchanges, in each of which every agent sends to all its neighbours. Measurements do not
+            count. A law in Python calls `Sample.exchange`.
         messages: Number of messages from one agent to another.
         numbers: Number of scalars in the messages.
     """
@@ -702,9 +714,9 @@ def apply_laplacian(edges, terms, y, x, out):
 def solve(edges, terms, rounds, b, y, x, memory):
     """Improve the solution x (V, 3) of H x = b (V, 3) by rounds of Chebyshev's iteration, H at measurements y (m,).
 
-    The error falls by T_r((b + a) / (b - a)) in r rounds where the eigenvalues lie in [a, b], in every eigenvector
-    alike but for the sign (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1; written so that
-    nothing is divided by b - a).
+    If the eigenvalues lie in [a, b], the error falls by T_r((b + a) / (b - a)) in r rounds, in every eigenvector
+    equally except for the sign (Saad, Iterative Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1; written so
+    that nothing is divided by b - a).
     """
     low, high = terms.eigenvalues
     middle = 0.5 * (low + high)
@@ -724,16 +736,17 @@ def solve(edges, terms, rounds, b, y, x, memory):
 
 @jit
 def navigate(present, law, x, carried, command, memory):
-    """Write what agents see of their own motion since the sample before.
+    """Write the agents' odometry since the previous sample, and the medium velocity that they measure.
 
     Args:
-        present: `law.terms.present`: numba leaves out what follows a test of the length of an argument alone.
-        law: the law.
-        x: positions, shape (V, 3), m.
-        carried: velocity over ground less that through the medium, measured on bodies, shape (V, 3), m/s; None takes
-            the part of the displacement that the command does not explain.
-        command: since the sample before, as limited, shape (V, 3), m/s.
-        memory: see TermMemory.
+        present: `law.terms.present`; as a separate argument, because numba omits code that depends on the length of an
+            argument.
+        law: The law.
+        x: Positions, shape (V, 3), m.
+        carried: Velocity over ground minus velocity through the medium, measured on bodies, shape (V, 3), m/s. If None,
+            the medium velocity is the part of the displacement that the command does not explain.
+        command: Limited commands since the previous sample, shape (V, 3), m/s.
+        memory: See TermMemory.
     """
     if len(present) == 0:
         return
@@ -804,7 +817,7 @@ def _exchange(imperfect, law, term, x, b, y, found, memory):
 
 @inline_jit
 def _feed_forward(law, x, y, command, memory):
-    """Add the velocity of q*: v, and ahead of that by how it changed."""
+    """Add the velocity v of q*, extrapolated by `lead` samples from its change since the previous sample."""
     terms = law.terms
     if memory.clock[0] > 0.0:
         _sense_targets(law, y, memory)
@@ -824,9 +837,9 @@ def _feed_forward(law, x, y, command, memory):
 
 @inline_jit
 def _sense_targets(law, y, memory):
-    """Write B p', filtered, into memory.right, from how measurements of targets changed and how agents moved.
+    """Write B p', filtered, into memory.right, from changes of target measurements and the agents' displacements.
 
-    What arrives over links may do so at unlike times, and is filtered as it arrives (see `mjsheaf.law.edges`).
+    Measurements over links may arrive at different times. They are filtered on arrival (see `mjsheaf.law.edges`).
     """
     edges, terms, measured, linked = law.edges, law.terms, memory.right, law.links.of.shape[0] > 0
     for v in range(terms.agents):
@@ -838,7 +851,7 @@ def _sense_targets(law, y, memory):
         along = 0.0
         for r in range(edges.first[e], edges.first[e + 1]):
             if not has_link and memory.age[r] > 0.0:  # update F p' from how y changed and the agent moved
-                F, share = edges.F_tail[r], terms.measured if memory.age[r] > 1.0 else 1.0  # nothing before the first
+                F, share = edges.F_tail[r], terms.measured if memory.age[r] > 1.0 else 1.0  # the first needs no filter
                 own = F[0] * memory.moved[i, 0] + F[1] * memory.moved[i, 1] + F[2] * memory.moved[i, 2]
                 memory.rate[r] += share * ((y[r] - memory.y[r] + own) / terms.period - memory.rate[r])
             if b != 0.0:
@@ -855,7 +868,7 @@ def _sense_targets(law, y, memory):
 @inline_jit
 def _velocity_of(edges, memory, has_link, i, r):
     """Return row r of F p' as agent i measures it, m/s."""
-    if not has_link and memory.age[r] == 0.0:  # nothing is measured yet: the target is taken to move as v says
+    if not has_link and memory.age[r] == 0.0:  # nothing is measured yet: the target is assumed to move with v
         F = edges.F_tail[r]
         return F[0] * memory.v[i, 0] + F[1] * memory.v[i, 1] + F[2] * memory.v[i, 2]
     return memory.rate[r]
@@ -875,7 +888,7 @@ def integrate(present, terms, v, residual, memory):
 
 @inline_jit
 def remember(present, terms, x, y, memory):
-    """Keep what the next sample compares with, if there are terms."""
+    """Store the values that the next sample compares with, if there are terms."""
     if len(present) == 0:
         return
     memory.clock[0] += 1.0

@@ -101,13 +101,13 @@ def event_of(action: Mapping[str, Any], scenario: Scenario, time: float) -> Even
 
 
 class Recorder:
-    """A session, and what its user did.
+    """A session, and the actions of its user.
 
     Attributes:
         session: The session.
         events: Events that the user added, in order.
         origin: Scenario at the start.
-        samples: Number of samples taken so far.
+        samples: Number of samples taken.
         flow_factors: Time, s, and ratio to the scenario's flow, of each change of the flow.
         words: Short words for each event of the user, by its own words.
     """
@@ -488,7 +488,7 @@ def view(
             page is closed or a signal ends the session. It is not called if no page was opened.
 
     Raises:
-        InputError: As for `simulate`; or websockets is not installed, or the port is taken.
+        InputError: The scenario cannot be simulated, see `simulate`; websockets is not installed; or the port is taken.
         NotUniqueError: The harmonic extension is not unique.
     """
     with ExitStack() as stack:

@@ -159,7 +159,7 @@ def move(one, h, b, i):
 
 @inline_jit
 def turn(h, lanes, b):
-    """Make the quaternions in the lanes of a block one again, and turn them by the rates over a step of h, s."""
+    """Normalise the quaternions in the lanes of a block, and turn them by the rates over a step of h, s."""
     large = 0.0
     for i in range(lanes):
         x, y, z = _half_turn(h, b, i)
@@ -248,12 +248,12 @@ _VECTORS = {
 }
 _SCALARS = (
     "height",  # of the origin above the surface, m
-    "share",  # of the push that is within the limits of thrust
+    "share",  # fraction of the push that is within the limits of thrust
     "within",  # 1 if all efforts are within their limits
     "good",  # 1 if the commands are good
-    "sound",  # 1 if the state is
-    "size",  # what makes the quaternion one
-    "large",  # 1 if the turn is large, or the quaternion far from one
+    "sound",  # 1 if the state is good
+    "size",  # factor that normalises the quaternion
+    "large",  # 1 if the turn is large, or the quaternion far from unit length
 )
 
 
@@ -267,7 +267,7 @@ ALONE = _block(1)
 
 _WIDE = _block(LANES)
 
-# Rows of which the number is a variable lie apart: LLVM could not prove that they do not overlap fields of the block.
+# Rows with a variable index are separate arrays: LLVM could not prove that they do not overlap fields of the block.
 _ROWS = np.dtype([("row", "f8", (_CHANNELS, LANES))])
 _WAVES = np.dtype(
     [
@@ -280,7 +280,7 @@ _WAVES = np.dtype(
 
 @inline_jit
 def end_of_kind(bodies, first, last):
-    """Return the number after the last of the vehicles from `first` on, and before `last`, that are of one kind."""
+    """Return the number after the last vehicle of the kind of `first` that follows it without a gap; at most `last`."""
     end = first + 1
     while end < last and bodies[end].kind == bodies[first].kind:
         end += 1
@@ -326,7 +326,7 @@ def _scatter(body, b, i, qpos, qvel):
 
 @inline_jit
 def _place(b, i, planar):
-    """Return the point of the medium that a vehicle meets: in the plane, a boat's is at a height of 0."""
+    """Return the point at which a vehicle meets the medium, m; a planar vehicle's has height 0."""
     return b.position[0, i], b.position[1, i], 0.0 if planar else b.position[2, i]
 
 
@@ -388,7 +388,7 @@ def _command(fleet, ctrl, first, last, lanes, b, effort):
         for i in range(lanes):
             b.share[i] = 1.0
             beyond += 0 if is_within_thrust(kind, at(b.push, i)) else 1
-        if beyond > 0:  # few vehicles are
+        if beyond > 0:  # rare
             for i in range(lanes):
                 b.share[i] = share_within_thrust(kind, at(b.push, i))
     if kind.steering == HAND_POINT:
@@ -404,7 +404,7 @@ def _command(fleet, ctrl, first, last, lanes, b, effort):
             weight, turning, push, couple = steer_attitude(kind, heading, sensed, at(b.push, i), b.share[i], weight)
             _want(kind, b, i, weight, turning, push, couple)
     for i in range(lanes):
-        b.within[i] = 0.0 if kind.turning else 1.0  # thrust and angle have no limits of each effort alone
+        b.within[i] = 0.0 if kind.turning else 1.0  # turning thrusters limit thrust and angle, not each effort
     beyond = kind.turning
     for j in range(kind.count):
         channel = thrusters[j]
@@ -462,10 +462,10 @@ def _add_wrench(b, i, force, moment):
 
 @inline_jit
 def command_alone(loop, v, b):
-    """Let vehicle v measure and write its commands, with the medium at the present time.
+    """Measure the state of vehicle v and write its commands, with the medium at the present time.
 
-    The block then has its state, and the force and moment on it of the medium (also past its actuators), and of the
-    surface on which it rests once it is lost.
+    The block then contains its state and the force and moment on it: those of the medium, on its body and on its
+    actuators, and those of the surface on which a lost vehicle rests.
     """
     params, state = loop.params, loop.state
     body = params.fleet.bodies[v]
@@ -532,7 +532,7 @@ def _take_step(fleet, rigid, h, first, last, lanes, k, b, effort, activation, ow
     all_good = True
     for v in range(first, last):
         if not b.good[v - first] > 0.0:
-            _scatter(fleet.bodies[v], b, v - first, qpos, qvel)  # as it is kept
+            _scatter(fleet.bodies[v], b, v - first, qpos, qvel)  # with the state that is kept
             bad[v], all_good = 2 * k + 1, False
     for i in range(lanes):
         move(one, h, b, i)
@@ -602,7 +602,7 @@ def _read_steady(medium, first, t, lanes, waves, b):
             put(b.shake, i, add(at(b.shake, i), (a[0] * s, a[1] * s, a[2] * s)))
     for i in range(lanes):
         put(b.medium, i, add(at(b.medium, i), at(b.shake, i)))
-    if planar:  # what floats is planar: nothing else has a height
+    if planar:  # only planar vehicles float and need the surface height
         for i in range(lanes):
             R = attitude(b, i)
             b.medium[2, i] = 0.0

@@ -71,25 +71,25 @@ from mjsheaf.vehicles.vehicle import GRAVITY, Vehicle, kinds_of
 KIND = np.dtype(
     [
         ("thruster", "i8"),  # the first of its channels among those of all kinds
-        ("count", "i8"),  # how many it has
-        ("turning", "i8"),  # whether some of them turn
-        # what the medium does to it
+        ("count", "i8"),  # number of channels
+        ("turning", "i8"),  # 1 if some of them turn
+        # forces of the medium
         ("planar", "i8"),
         ("drag", "f8", 6),  # of v, N s/m and N m s/rad
         ("quadratic", "f8", 6),  # of |v| v
         ("implicit", "f8"),  # linear damping that the joint takes, N s/m
-        ("explicit", "f8"),  # share of the angular damping that it leaves
+        ("explicit", "f8"),  # fraction of the angular damping that it does not take
         ("ballast", "f8"),  # N
         ("buoyancy", "f8"),  # N
-        ("com", "f8", 3),  # where the weight acts, m: the centre of mass
-        ("ballast_point", "f8", 3),  # where the ballast does, m
-        ("centre", "f8", 3),  # of buoyancy, m
+        ("com", "f8", 3),  # centre of mass, at which the weight acts, m
+        ("ballast_point", "f8", 3),  # point at which the ballast acts, m
+        ("centre", "f8", 3),  # centre of buoyancy, m
         ("restoring", "f8", 3),  # heave, roll, pitch, N/m and N m/rad
         # its autopilot
         ("steering", "i8"),  # its code
         ("gain", "f8", 6),  # M k_v, N s/m and N m s/rad
         ("inertia", "f8", (3, 3)),  # that a couple must overcome, kg m^2
-        ("rigid_mass_fraction", "f8", 3),  # share of a force along each axis that accelerates the body itself
+        ("rigid_mass_fraction", "f8", 3),  # fraction of a force along each axis that accelerates the body itself
         ("stiffness", "f8"),  # of the attitude hold, 1/s^2
         ("rate_damping", "f8"),  # 1/s
         ("supported_weight", "f8"),  # weight that thrusters carry, N
@@ -97,21 +97,21 @@ KIND = np.dtype(
         ("tan_max_tilt", "f8"),  # tangent of the largest tilt
         ("most_thrust", "f8"),  # N
         # added mass, which few have: last, so that the others stay in fewer cache lines
-        ("added", "i8"),  # whether it has any
+        ("added", "i8"),  # 1 if it has any
         ("added_mass", "f8", 6),  # kg and kg m^2
         ("rigid_wrench_map", "f8", (6, 6)),  # M_RB (M_RB + M_A)^-1
         ("mass", "f8"),  # of the model, kg
         ("weight", "f8"),  # of the model, N
         ("rigid", "f8", (3, 3)),  # inertia of the model, kg m^2
-        ("rest", "f8"),  # omega of the surface under it once it is lost, rad/s; 0 where nothing holds it
+        ("rest", "f8"),  # omega of the surface under it once it is lost, rad/s; 0 if there is no such surface
         # thrusters that do not push both ways
-        ("one_sided", "i8"),  # whether it has any: see `vehicles.allocation`
+        ("one_sided", "i8"),  # 1 if it has any: see `vehicles.allocation`
         ("row_norm", "f8", 3),  # norms of the rows surge, sway and yaw of W; 0 for one that is not commanded
-        ("forward_only", "i8"),  # whether it is steered at its hand point and cannot back
+        ("forward_only", "i8"),  # 1 if it is steered at its hand point and cannot reverse
         ("turning_price", "f8"),  # surge force for each unit of yaw moment, 1/m
         ("turning_speed", "f8"),  # desired speed above which it turns round, m/s
-        ("in_flow", "i8"),  # whether the force of some of its actuators depends on velocity: see `flow_wrench`
-        ("windage", "f8", 4),  # see `vehicles.vehicle.Windage.pack`; its height is 0 where no wind acts
+        ("in_flow", "i8"),  # 1 if the force of some of its actuators depends on velocity: see `flow_wrench`
+        ("windage", "f8", 4),  # see `vehicles.vehicle.Windage.pack`; its height is 0 if no wind acts
     ],
     align=True,
 )
@@ -138,8 +138,8 @@ _WORTH_LANES = 8  # vehicles in such blocks, below which code for lanes would ta
 
 _REST = {"none": 0.0, "ground": 50.0, "water": 10.0}  # rad/s
 _REST_IN_A_STEP = 0.25  # rad: a faster surface would not be stable as an applied force
-_AIRCRAFT = 0.5  # share of its weight that an aircraft must carry itself; water carries that of a submersible
-_SPRING_OVER_WEIGHT = 3.0  # a vehicle that is lost far below the surface comes up, and is not thrown out
+_AIRCRAFT = 0.5  # fraction of its weight that thrusters must carry for an aircraft; water carries a submersible's
+_SPRING_OVER_WEIGHT = 3.0  # limit, so that a vehicle lost far below the surface rises and is not thrown out
 
 
 class Fleet(NamedTuple):
@@ -150,7 +150,7 @@ class Fleet(NamedTuple):
         bodies: a BODY for each vehicle, shape (V,).
         thrusters: CHANNELs of each kind in turn.
         blocks: First vehicle of each block of vehicles that move together, and V, shape (B + 1,).
-        lanes: Empty if all vehicles move alone: no code for lanes is compiled for the type of ().
+        lanes: () if all vehicles move alone: its type makes numba compile no code for lanes.
     """
 
     kinds: NDArray[np.void]
@@ -295,7 +295,7 @@ def add_buoyancy(kind, height, normal, R, force, moment):
     Args:
         kind: Parameters of the vehicle's kind; see KIND.
         height: Height of the origin above the surface, m.
-        normal: The surface's, along the body's x and y axes.
+        normal: Components of the surface's normal along the body's x and y axes.
         R: Attitude, (9,).
         force, moment: Wrench without buoyancy, body axes, (3,) each, N and N m.
 
@@ -338,7 +338,7 @@ def wind_wrench(kind, a):
 
 @inline_jit
 def rest_on_surface(kind, depth, R, velocity, omega):
-    """Force and moment of the surface on a lost aircraft `depth` m below it, body axes, (3,) each.
+    """Return force and moment of the surface on a lost aircraft `depth` m below it, body axes, (3,) each.
 
     velocity (3,) is over ground in world axes, m/s; omega the rates in body axes, (3,).
     """
@@ -354,7 +354,7 @@ def rest_on_surface(kind, depth, R, velocity, omega):
 
 @inline_jit
 def apply_wrench(kind, qvel, R, force, moment, applied):
-    """Write force and moment, less what the joint takes, into a body's `applied` (6,): qfrc_applied; as qvel (6,)."""
+    """Write force and moment, without the joint's damping, to a body's qfrc_applied, shape (6,), ordered as qvel."""
     force = to_world(R, force)
     for i in range(3):
         applied[i] = force[i] + kind.implicit * qvel[i]
@@ -393,24 +393,24 @@ _TIPPED = 0.5  # cosine of the tilt beyond which turning back comes before carry
 
 
 @inline_jit
-def desired_force(kind, R, s, wanted):
+def desired_force(kind, R, s, desired):
     """Return the force for a desired velocity through the medium, body axes, (3,), N.
 
     Args:
         kind: Parameters of the vehicle's kind; see KIND.
         R: Attitude, (9,).
         s: Measured velocity through the medium, body axes, (3,), m/s.
-        wanted: Desired one.
+        desired: Desired velocity through the medium, body axes, (3,), m/s.
     """
     K = kind.gain
-    x, y, z = drag_force(kind, wanted)
+    x, y, z = drag_force(kind, desired)
     if kind.planar:
         # A hull that is not quite level also drags along its own z axis, where it has no thrusters. Water that carries
         # the hull, and thrust, replace that part with the same horizontal force, unless it has tipped over.
         upwards, level = z / R[8], R[8] > _TIPPED
         ahead, aside = x - upwards * R[6], y - upwards * R[7]
         x, y = ahead if level else x, aside if level else y  # selections, no branch: also for lanes
-    return x + K[0] * (wanted[0] - s[0]), y + K[1] * (wanted[1] - s[1]), z + K[2] * (wanted[2] - s[2])
+    return x + K[0] * (desired[0] - s[0]), y + K[1] * (desired[1] - s[1]), z + K[2] * (desired[2] - s[2])
 
 
 @inline_jit
@@ -429,10 +429,10 @@ def turn_gears(kind, thrusters, R, act, gear):
 
 @apart_jit
 def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment, effort):
-    """Efforts within their limits: the weight, then roll and pitch, then yaw, then as much of translation as fits.
+    """Write efforts within their limits: weight, then roll and pitch, then yaw, then translation as far as possible.
 
-    Yaw comes after roll and pitch: rotors make little of it, and what points up must not wait for it. A boat with
-    one-sided thrusters has an allocation of its own: see `vehicles.allocation`.
+    Yaw comes after roll and pitch, because rotors produce little of it, and thrust must point upwards first. Boats with
+    one-sided thrusters have a separate allocation: see `vehicles.allocation`.
     """
     carry = cross(triple(kind.com), weight)
     if kind.one_sided:
@@ -458,7 +458,7 @@ def allocate_within_limits(kind, thrusters, upright, weight, turn, force, moment
 
 @jit
 def _add_within(thrusters, force, moment, effort):
-    """Add the efforts for a wrench, or the largest share of them that keeps every actuator within its limits."""
+    """Add the efforts for a wrench, or the largest fraction of them that keeps every actuator within its limits."""
     share = 1.0
     for k in range(effort.shape[0]):
         channel = thrusters[k]

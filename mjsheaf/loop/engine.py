@@ -1,4 +1,4 @@
-"""A run with the loop closed, and its result, whatever moves the vehicles: what all engines have in common.
+"""Closed-loop runs and their results: the code that all engines have in common.
 
 An engine takes steps: control periods on ideal kinematics, physics steps on bodies. Between two samples it runs
 compiled code. `mjsheaf.loop.session` chooses one and offers it as a `Session`.
@@ -38,7 +38,7 @@ def samples_in_piece(system: System, *, numbers: int = 2**16) -> int:
 
 
 READERS: dict[str, tuple[Any, int]] = {}
-"""Compiled functions that read what only the loop knows, by name, and how many numbers each writes.
+"""Compiled functions that read quantities available only in the loop, by name, with how many numbers each writes.
 
 `read(run, memory, v, out)` is called for vehicle v at every sample: `run` is the Loop on bodies and the Integrator on
 ideal kinematics, `memory` is the law's. See `results.dataset.Samples.recorded`.
@@ -102,7 +102,14 @@ class Log(NamedTuple):
 
 
 def new_log(T: int, law: LawArrays, *, inputs: tuple[int, int] | None = None, actuators: int | None = None) -> Log:
-    """A log for T samples of a law's vehicles, on ideal kinematics with `inputs` (N, s) or bodies with `actuators`."""
+    """Return a log for T samples of a law's vehicles.
+
+    Args:
+        T: Number of samples.
+        law: Law of the vehicles.
+        inputs: Shape (N, s) of the inputs, on ideal kinematics.
+        actuators: Number of actuators, on bodies.
+    """
     V, links = len(law.gain), law.links
     ideal, bodies = T * (inputs is not None), T * (actuators is not None)
     return Log(
@@ -129,10 +136,10 @@ class Trajectory:
     """Samples of a run under one system.
 
     Attributes:
-        system: the system; of a run with phases, that of the phase.
-        time: sample times, shape (T,), s.
-        log: the samples.
-        message: what blew up, where and when; empty where nothing did.
+        system: The system, that of the phase if a run has several.
+        time: Sample times, shape (T,), s.
+        log: The samples.
+        message: Vehicle, time and place of a blow-up; empty without one.
     """
 
     system: System
@@ -193,7 +200,7 @@ def record_links(heard, y, log, k):
 
 
 def quaternions_of(heading: Array) -> Array:
-    """Level attitudes (w, x, y, z), body to world, of headings (V,) in rad, shape (V, 4)."""
+    """Return level attitudes (w, x, y, z), body to world, for headings (V,) in rad, shape (V, 4)."""
     zero = np.zeros_like(heading)
     return np.column_stack([np.cos(heading / 2.0), zero, zero, np.sin(heading / 2.0)])
 
@@ -224,11 +231,11 @@ def blow_up_message(
     Args:
         system: The system.
         vehicle: Number of the vehicle that blew up.
-        detail: What is added to its name.
+        detail: Text that follows its name.
         time: Time, s.
         speed: Its speed, in words.
         memory: Memory of the law.
-        unknown: Why it met a flow that is not known, or empty.
+        unknown: Reason why the flow at the vehicle is unknown, or empty.
         controller: Law in Python that is in control, which may be the cause.
     """
     gain = "the law, with a controller.gain"
@@ -244,7 +251,7 @@ def blow_up_message(
 
 
 Commanded = bool | Literal["thrust"]
-"""True if velocities from outside take the place of the agents' law, 'thrust' if commands of actuators do."""
+"""True if velocities from outside replace the agents' law, 'thrust' if actuator commands replace law and autopilot."""
 
 Progress = Callable[[int, int], None]
 """Called with (samples done, samples in all)."""
@@ -275,7 +282,7 @@ class Engine(WithThreads, ABC):
         steps_per_sample: Steps between samples.
         controller: Law in Python that is in control, or None.
         scenario: Scenario of the run, with its seed; None if the run was not made from one.
-        memory: Values that onboard computers hold since the law's last evaluation; a phase with other edges has others.
+        memory: State of the onboard computers after the law's last evaluation; a phase with other edges has another.
     """
 
     system: System
@@ -284,7 +291,7 @@ class Engine(WithThreads, ABC):
     _control: ControlArrays  # of the present phase
     _timestep: float  # s
     _chunk: int  # steps in one compiled call; Ctrl-C takes effect between calls
-    _stride: int  # the same where nothing is recorded
+    _stride: int  # the same if nothing is recorded
     _unrecorded: Recorder
     _count: Array  # steps taken, shape (1,)
 
@@ -319,7 +326,7 @@ class Engine(WithThreads, ABC):
         self.reset()
 
     def _prepare(self) -> None:
-        """Make what no seed changes."""
+        """Create the data that does not depend on the seed."""
 
     def _take(self, phases: Sequence[Phase]) -> None:
         """Store the phases of a run, and the data common to all of them."""
@@ -333,7 +340,7 @@ class Engine(WithThreads, ABC):
         return self.scenario.seed if self.scenario else -1
 
     def take_seed(self, seed: int) -> None:
-        """Take over the run of another seed, which begins with the next `reset`; see there."""
+        """Set the seed of the run that begins with the next `reset`; see there."""
         if self.scenario is None:
             raise InputError(f"seed is {seed}; expected None for a run that was not made from a Scenario")
         plan = self.system.bodies
@@ -383,7 +390,7 @@ class Engine(WithThreads, ABC):
 
     @abstractmethod
     def _place_targets(self, recorder: Recorder) -> None:
-        """Put targets where the recorder has them at its next sample."""
+        """Put targets at the recorder's positions for its next sample."""
 
     @abstractmethod
     def _move(self, step: int, count: int, recorder: Recorder) -> tuple[int, int] | None:
@@ -445,7 +452,7 @@ class Engine(WithThreads, ABC):
 
     @property
     def _view(self) -> View:
-        """Places of what agents know in the memory of the present phase."""
+        """Places of the agents' measurements in the memory of the present phase."""
         key = id(self.system)
         if key not in self._views:
             self._views[key] = View(self.system.team, self._control.law)
@@ -536,7 +543,7 @@ class Engine(WithThreads, ABC):
             progress: Called with (samples done, samples in all).
 
         Yields:
-            Pieces with the status 'finished', but for the last where the run blows up, which ends there.
+            Pieces with the status 'finished'. If the run blows up, the last piece ends there and is 'unstable'.
         """
         of = self.system.grid.steps + 1 if targets is None else min(self.system.grid.steps + 1, len(targets))
         for system, begin, end in pieces_of(self._phases, samples, of, self.steps_taken // self.steps_per_sample):
@@ -582,7 +589,7 @@ class Engine(WithThreads, ABC):
         """Record the whole run of one phase in one piece, and end the threads; see `record`.
 
         Returns:
-            The trajectory; its status is 'unstable' and it ends early where the run blows up.
+            The trajectory; if the run blows up, its status is 'unstable' and it ends there.
         """
         with self:
             return next(self.record(self.system.grid.steps + 1, targets, progress))
@@ -622,7 +629,7 @@ class Engine(WithThreads, ABC):
         return sample
 
     def _look(self) -> None:
-        """Keep what onboard computers hold, before the law is evaluated at a step that has yet to be taken.
+        """Save the state of the onboard computers before the law is evaluated at a step that has not been taken yet.
 
         In compiled code, that is `mjsheaf.law.law.look`.
         """
@@ -631,7 +638,7 @@ class Engine(WithThreads, ABC):
         self.memory.kept[1:] = self.memory.held
 
     def _unlook(self) -> None:
-        """Put what onboard computers hold back as it was before the law was evaluated at this step, if it was."""
+        """Restore the state of the onboard computers from before the law was evaluated at this step, if it was."""
         memory = self.memory
         if memory.kept[0] == self.steps_taken + 1:
             memory.held[:] = memory.kept[1:]
@@ -666,7 +673,7 @@ class Engine(WithThreads, ABC):
 
         It does not contain the state of a law in Python.
         """
-        self._enter_phase()  # where a phase begins, as `set_state` expects it
+        self._enter_phase()  # if a phase begins here, as `set_state` expects
         before = self._before if self._observed == self.steps_taken else self._now
         seed = float(self.seed)  # a double has 53 bits, and a seed 63
         rest = float(self.seed - int(seed))
@@ -715,5 +722,5 @@ class Engine(WithThreads, ABC):
         return True
 
     def _go_to(self, state: Array) -> None:
-        """Take over from the numbers of a state, which begin with the steps taken, at what time it is."""
+        """Set the number of steps taken to that of a state, its first number."""
         self._count[0] = state[0]

@@ -17,11 +17,11 @@ Between two evaluations of the law vehicles are independent: each is moved up to
 the vehicles of a large team are divided among threads. The assignment to threads does not change a bit. Where possible,
 neighbours of one kind move side by side: see `block`.
 
-`Worlds` are runs of one team that take a control period at a time, for environments, without Python in between. What a
-world has of its own is a row of one array: the state of a run, and the constants that depend on its seed.
-Passing a whole Loop from Python to compiled code takes as long as a period of a small team. Therefore one Loop stands
-for all worlds: each row is copied into the memory of that Loop, takes its period there, and is copied back. So worlds
-go through the very functions of the fused engine, and each ends bit for bit as it does alone.
+`Worlds` are runs of one team that advance one control period at a time, for environments, in one compiled call. The
+data of each world is a row of one array: the state of its run, and the constants that depend on its seed. Passing a
+whole Loop from Python to compiled code takes as long as a period of a small team. Therefore all worlds share one Loop:
+each row is copied into the memory of that Loop, advances one period there, and is copied back. So worlds use the same
+functions as the fused engine, and the result of each is bit for bit that of the run alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,7 +54,7 @@ def advance_block(loop, rigid, first, last, step, count, log, row, bad):
     """Move vehicles from first up to last by `count` steps from step number `step`, fewer where one becomes bad.
 
     Their samples before the first step are recorded as `row` of the log, unless that is negative. Neighbours of one
-    kind move in lanes where they fit, which does not change a bit.
+    kind move in lanes if they fit, which does not change a bit.
 
     Returns:
         True if no vehicle became bad; see `Fused._bad` on `bad`.
@@ -120,7 +120,7 @@ def _advance_part(loop, rigid, first, last, step, count, log, row, bad):
 
 @inline_jit
 def command_vehicles(loop, t):
-    """Let every vehicle measure and command at time t, s."""
+    """Compute the measurements and commands of every vehicle at time t, s."""
     loop = pinned(loop)
     params, state = loop.params, loop.state
     V = params.fleet.bodies.shape[0]
@@ -190,7 +190,7 @@ class Fused(ClosedLoop):
                 wait([moving])
             finally:
                 moving.result()
-        self._count[0] = step + count  # also where a vehicle is bad and its span does not count
+        self._count[0] = step + count  # also if a vehicle is bad and its span does not count
         vehicle = int(np.argmin(self._bad))
         return None if self._bad[vehicle] == NEVER else (vehicle, int(self._bad[vehicle]) // 2)
 
@@ -222,10 +222,10 @@ def take_periods(loop, row, rigid, nothing, values, alive, bad):
     """Take one control period in every world that is alive.
 
     Args:
-        loop: A loop of the worlds' team, whose own numbers lie in `row`.
+        loop: A loop of the worlds' team, whose data is in `row`.
         row: Numbers of one world, shape (n,).
         rigid: A RIGID for each kind of vehicle.
-        nothing: Log without samples.
+        nothing: Log with no samples.
         values: Rows of the worlds, shape (W, n).
         alive: True for each world that takes a period, shape (W,).
         bad: Time at which each vehicle diverged, NEVER if it did not, shape (W, V); see `Fused._bad`.
@@ -263,12 +263,12 @@ def take_period(loop, rigid, nothing, bad):
 
 
 def _shared(params: Params) -> Params:
-    """Return constants with shapes in the place of what worlds do not share."""
+    """Return the constants with each array that worlds do not share replaced by its shape."""
     return map_seeded(lambda leaf: leaf.shape, params)
 
 
 def _seeded(params: Params) -> list[Any]:
-    """Return what worlds do not share, in order."""
+    """Return the arrays that worlds do not share, in order."""
     leaves: list[Any] = []
     map_seeded(leaves.append, params)
     return leaves
@@ -290,16 +290,17 @@ class Worlds:
 
     Attributes:
         values: Numbers of the worlds, shape (W, n). The runs themselves continue in their rows.
-        columns: A Loop whose own numbers are their columns in `values`.
+        columns: A Loop with the column in `values` in place of each number.
         squares: Squared errors |q*_i - q_i|^2 of the agents at the last sample, shape (W, N), m^2.
     """
 
     def __init__(self, runs: Sequence[Fused]) -> None:
-        """Lay out runs at their start, and continue them there.
+        """Copy runs, at their start, to the rows of `values`, where they continue.
 
         Raises:
-            InputError: A run differs from the first in what worlds share, has begun, has events or another phase, a law
-                in Python, headings that its seed draws, or a team whose q* is no linear function of the targets.
+            InputError: A run differs from the first in the constants that worlds share, has begun, has events or
+                another phase, a law in Python, random headings, or a team whose q* is not a linear function of the
+                targets.
         """
         first, system = runs[0], runs[0].system
         shared, self._rigid = _shared(first.params()), first.compiled[1]
@@ -340,7 +341,7 @@ class Worlds:
         """Begin runs anew, each with a seed, by the numbers of their worlds.
 
         Raises:
-            InputError: What worlds share depends on a seed, such as the number of nodes of frozen gusts.
+            InputError: A constant that worlds share depends on the seed, such as the number of nodes of frozen gusts.
         """
         which = np.array(list(seeds), dtype=np.int64)
         new = np.array([w for w, seed in seeds.items() if seed != self._runs[w].seed], dtype=np.int64)
@@ -401,9 +402,9 @@ class SquareErrors:
             self._carry = team.extend(np.eye(targets)) - self._rest
 
     def __call__(self, x: Array, time: float | None = None) -> Array:
-        """Compute them where vehicles are at x (..., V, 3), m, shape (..., N), m^2; NaN for absent agents.
+        """Compute the squared errors for vehicles at x (..., V, 3), m, shape (..., N), m^2; NaN for absent agents.
 
-        The time in s matters while formations change.
+        The time, in s, is needed while formations change.
         """
         q, p = self.team.split(x)
         goal = (

@@ -1,17 +1,17 @@
 """The ideal backend: q' = f(q, t) + g(q, t) u + omega(t), integrated to a stated tolerance.
 
-With a control period the velocity commands -k1 eta are sampled and held (zero-order hold); between samples vehicles do
-not act on one another, and each is integrated by itself, flow and disturbance included. The allocation
+With a control period the velocity commands -k1 eta are sampled and held (zero-order hold). Between samples vehicles do
+not interact, and each is integrated separately, flow and disturbance included. The allocation
 u = g^+ (-k1 eta) follows g(q, t) within a period, as an actuator does. With period 0 the law itself is inside the
 integrator, and the team is integrated as one.
 
 The method is Dormand and Prince's pair of order 5(4) (J. Comput. Appl. Math. 6, 1980) with local extrapolation, the
 step control and starting step of Hairer, Norsett and Wanner (Solving Ordinary Differential Equations I, II.4). Errors
-are measured as the root mean square over the padded state (3 components a vehicle) relative to atol + rtol |x|: the
-way in which the paper's published run was integrated, so that it comes out alike to rounding.
+are measured as the root mean square over the padded state (3 components a vehicle) relative to atol + rtol |x|. The
+paper's published run was integrated in the same way, so it is reproduced up to rounding.
 
-All within a period is inlined into one function for one vehicle (see `inline_jit`): handing tuples of arrays on
-costs more than a slope does.
+The code of a period is inlined into one function for one vehicle (see `inline_jit`), because passing tuples of arrays
+to a function costs more than evaluating a slope.
 """
 
 from typing import NamedTuple
@@ -125,7 +125,7 @@ def new_integrator(
 
 @inline_jit
 def slope_of(follow, run, t, x, first, last, out):
-    """Write x' of the vehicles from first to last into out (V, 3); commands are those held unless there is a law."""
+    """Write x' of the vehicles from first to last into out (V, 3), m/s; `follow` is the law, None to hold commands."""
     medium, effectiveness = run.medium, run.effectiveness
     if follow is not None:
         evaluate_law(follow, t, x, None, run.memory)
@@ -145,7 +145,7 @@ def slope_of(follow, run, t, x, first, last, out):
 
 @inline_jit
 def _norm(values, x, y, first, last, tolerance):
-    """Root mean square of values relative to atol + rtol max(|x|, |y|), over the vehicles from first to last."""
+    """Return the RMS of values relative to atol + rtol max(|x|, |y|), over the vehicles from first to last."""
     total = 0.0
     for v in range(first, last):
         for i in range(3):
@@ -157,7 +157,7 @@ def _norm(values, x, y, first, last, tolerance):
 
 @inline_jit
 def _first_step(follow, run, t, x, first, last):
-    """A step for which the method's leading error term is likely to pass; run.slope[0] holds x' at t."""
+    """Return a step, s, whose error is likely to be within the tolerance; run.slope[0] holds x' at t."""
     period = run.period
     size = _norm(x, x, x, first, last, run.tolerance)
     speed = _norm(run.slope[0], x, x, first, last, run.tolerance)
@@ -204,7 +204,7 @@ def take_step(follow, run, t, h, x, first, last):
 
 @inline_jit
 def _advance(follow, run, t, x, first, last):
-    """Integrate the vehicles from first to last over one period, in place; False where the solution blows up.
+    """Integrate the vehicles from first to last over one period, in place; return False if the solution blows up.
 
     run.slope[0] holds x' at t.
     """
@@ -217,7 +217,7 @@ def _advance(follow, run, t, x, first, last):
             run.surplus[first] += 1
         if run.surplus[first] > _MOST_STEPS:
             return False
-        if not step > _SMALLEST_STEP * period:  # also where it is NaN
+        if not step > _SMALLEST_STEP * period:  # also true for NaN
             return False
         h = min(step, period - done)
         error = take_step(follow, run, t + done, h, x, first, last)
@@ -266,12 +266,15 @@ def _record(run, t, x, k, log):
 
 @jit
 def _run(control, follow, run, times, advances, x, count, log, placed):
-    """Record the samples at `times` and advance after the first `advances`: (samples recorded, vehicle that blew up).
+    """Record the samples at `times`, and advance after each of the first `advances`.
 
-    The periods that were taken are added to `count`, shape (1,): Ctrl-C takes effect before Python could count them.
+    The number of periods taken is added to `count`, shape (1,), here: after Ctrl-C, Python could not count them.
 
-    `follow` is `control` where the law is inside the integrator and None where it is held: another type, so that the
-    two are compiled apart, and only the one that is used.
+    `follow` is `control` if the law is inside the integrator and None if commands are held. The two have different
+    types, so that only the case that is used is compiled.
+
+    Returns:
+        The number of samples recorded, and the vehicle that blew up, or -1.
     """
     control, run, log, V, M = pinned(control), pinned(run), pinned(log), x.shape[0], placed.shape[1]
     for k in range(times.shape[0]):
@@ -362,7 +365,7 @@ class Ideal(Engine):
         """Record `count` samples from step number `step` on, and advance after each or not.
 
         Returns:
-            The number of samples recorded, and the vehicle that blew up or -1; V where the team was integrated as one.
+            The number of samples recorded, and the vehicle that blew up or -1; V if the team was integrated as one.
         """
         row = min(int(recorder.written[0]), len(recorder.log.positions) - count)
         control, integrator = self._held

@@ -5,9 +5,9 @@ Each vehicle is brought to the equilibrium in which it holds its place in a stea
 physics step is differenced there. Its powers give the map of a control period over which the command is held: at an
 equilibrium that is the chain rule, and it takes some hundred steps instead of some thousands.
 
-Position does not enter: neither the medium nor the arena changes with it. So it is left out of the state, and what
-moves it is kept apart. A heading that nothing holds (a boat at its hand point in still water) does not enter either,
-and shows as an eigenvalue of 1 that no position sees.
+The position is not part of the state, because neither the medium nor the arena depends on it; its change over a period
+is an output. A heading that nothing holds (a boat steered at its hand point in still water) gives an eigenvalue of 1
+that does not affect any position.
 """
 
 from collections.abc import Sequence
@@ -40,12 +40,12 @@ class HeldPoint:
     """A vehicle that is to hold its place.
 
     Attributes:
-        vehicle: what it is.
-        medium: steady velocity of the medium, world axes, shape (3,), m/s.
-        heading: that it holds, or from which it starts to turn where it holds none, rad.
-        wind: steady velocity of the air above a hull, world axes, shape (3,), m/s.
-        command: commanded velocity through the medium near which it holds its place, world axes, shape (3,), m/s; None
-            where the medium alone decides on it.
+        vehicle: The vehicle.
+        medium: Steady velocity of the medium, world axes, shape (3,), m/s.
+        heading: Heading that it holds, or its initial heading if it holds none, rad.
+        wind: Steady velocity of the air above a hull, world axes, shape (3,), m/s.
+        command: Commanded velocity through the medium near which it holds its place, world axes, shape (3,), m/s; None
+            if that is minus the velocity of the medium.
     """
 
     vehicle: Vehicle
@@ -77,7 +77,7 @@ def linearise(
     """Linearise each vehicle's loop about the equilibrium in which it keeps its place.
 
     Args:
-        points: Vehicles and where they stay; all are linearised side by side in one arena.
+        points: Vehicles and the points that they hold; all are linearised together in one arena.
         control: Any control; compiled code needs it as an argument, but the law is not evaluated.
         timestep: Physics step, s.
         steps: Number of physics steps in a control period; 1 if the law is evaluated at each.
@@ -99,8 +99,8 @@ def step_responses(
 ) -> Array:
     """Compute the mean velocity in each period after steps of the commands, shape (K, n, n), until it is steady.
 
-    Column i answers a step of command i. K is from `least` to about `most`. Responses that vary by less than `steady`
-    of the commanded velocity are steady.
+    Column i is the response to a step of command i. K is from `least` to about `most`. Responses that vary by less than
+    the fraction `steady` of the commanded velocity are steady.
     """
     x = np.zeros_like(model.B)
     responses: list[Array] = []
@@ -159,7 +159,7 @@ def stopping_times(
 
 
 def power(one: LinearVehicle, steps: int) -> Array:
-    """The map of (x, p, u) over many steps under one command, shape (s + 2 n, s + 2 n)."""
+    """Return the map of (x, p, u) over `steps` steps under a constant command, shape (s + 2 n, s + 2 n)."""
     s, n = one.B.shape
     zero, eye = np.zeros((n, s)), np.eye(n)
     whole = np.block([[one.A, zero.T, one.B], [one.C, eye, one.D], [zero, 0.0 * eye, eye]])
@@ -167,7 +167,7 @@ def power(one: LinearVehicle, steps: int) -> Array:
 
 
 def _over(one: LinearVehicle, steps: int) -> LinearVehicle:
-    """The map of many physics steps under one command."""
+    """Return the model over `steps` physics steps under a constant command."""
     (s, n), whole = one.B.shape, power(one, steps)
     return LinearVehicle(whole[:s, :s], whole[:s, s + n :], whole[s : s + n, :s], whole[s : s + n, s + n :])
 
@@ -218,9 +218,9 @@ class _Bench:
         self.command = np.array(commands).reshape(V, 3) * self.controlled
 
     def settle(self, *, least_thrust: float = 1e3 * _PROBE) -> list[str]:
-        """Bring every vehicle to its equilibrium; say for each why there is none, or nothing.
+        """Bring every vehicle to its equilibrium; return for each the reason why there is none, or an empty string.
 
-        A thrust of more than `least_thrust` times its mass, m/s^2, changes little where states are differenced.
+        A thrust is far enough from 0 for differences of states if it exceeds `least_thrust`, m/s^2, times the mass.
         """
         start = self.qpos, self.qvel, self.act, self.command
         unsettled = self._newton()
@@ -238,7 +238,7 @@ class _Bench:
         return reasons
 
     def differentiate(self) -> list[LinearVehicle]:
-        """The map of one physics step about the present state, by central differences, without what is rounding."""
+        """Return the map of one physics step about the present state by central differences; rounding is set to 0."""
         V, size = self.still.shape
         change = np.empty((V, size, size))
         with np.errstate(all="ignore"):  # a step that diverges is not finite, which the caller refuses
@@ -278,7 +278,7 @@ class _Bench:
         return moving
 
     def _simulate(self, *, duration: float = 20.0, most_steps: int = 10_000) -> None:
-        """Let all vehicles fly or sail under their commands for a time in s, then put them back to where they began."""
+        """Move all vehicles under their commands for `duration`, s, then return them to their initial positions."""
         self._place(self.qpos, self.qvel, self.act, self.command)
         for _ in range(min(round(duration / self.timestep), most_steps)):
             evaluate_forces(*self.compiled, 0.0)
@@ -288,14 +288,14 @@ class _Bench:
         self.qpos[:, :3][self.controlled] = 0.0
 
     def _rotations(self) -> Array:
-        """Attitudes, body to world, shape (V, 3, 3)."""
+        """Return the attitudes, body to world, shape (V, 3, 3)."""
         R = np.empty((len(self.qpos), 9))
         for row, quaternion in zip(R, self.qpos[:, 3:], strict=True):
             mujoco.mju_quat2Mat(row, quaternion)
         return R.reshape(-1, 3, 3)
 
     def _moved(self, difference: Array) -> tuple[Array, Array, Array, Array]:
-        """qpos, qvel, act and commands at the present state and a difference."""
+        """Return qpos, qvel, act and commands of the present state plus a difference."""
         R, (turn, place, motion, thrust) = self._rotations(), np.split(difference, (3, 6, 12), axis=1)
         hand = np.cross(turn, R[:, :, 0]) * self.hand[:, None]  # by which turning would move the hand point
         dq = np.hstack([np.where(self.controlled, -hand, place), np.einsum("vij,vi->vj", R, turn)])
@@ -310,7 +310,7 @@ class _Bench:
         self.loop.state.memory.command[:] = command
 
     def _step(self, difference: Array) -> Array:
-        """The difference to which a physics step leads from one."""
+        """Return the difference of states after a physics step from a difference before it."""
         self._place(*self._moved(difference))
         x, R = self.loop.state.x, self._rotations()
         controlled_positions(self.loop.params.fleet, self.data.qpos, x)

@@ -40,15 +40,15 @@ from mjsheaf.media.medium import (
 from mjsheaf.vehicles.actuators import ANGLE
 
 HUGE = 1e10
-"""Beyond this MuJoCo calls a state bad (mjMAXVAL), and so do we."""
+"""Magnitude above which a number of the state is bad, as in MuJoCo (mjMAXVAL)."""
 
 NEVER = int(np.iinfo(np.int64).max)
-"""Time at which a vehicle was bad that was not; see `Fused._bad`."""
+"""Value in `Fused._bad` for a vehicle that did not become bad."""
 
 _MOVING = ("steps", "qpos", "qvel", "ctrl", "act")  # fields of a State that another law leaves as they are
 
 AUTOPILOT, STOPPED, OUTSIDE = 0, 1, 2
-"""Codes of what commands the actuators of a vehicle: its autopilot, nothing, or the caller, who writes `State.ctrl`."""
+"""Source of a vehicle's actuator commands: its autopilot, none, or the caller, who writes `State.ctrl`."""
 
 
 class Params(NamedTuple):
@@ -80,10 +80,10 @@ class Params(NamedTuple):
 
 
 def map_seeded(function: Callable[[Any], Any], params: Params) -> Params:
-    """Return constants with another value in the place of each array of numbers that depends on the seed of a run.
+    """Return the constants with `function` applied to each array of numbers that depends on the seed of a run.
 
-    These are the seed of random numbers, where targets begin, disturbances, and all else that moves in the medium.
-    Arrays of numbers have entries of eight bytes; others, such as flags, are shared by runs.
+    These are the seed of random numbers, the initial positions of targets, disturbances, and the moving parts of the
+    medium. Arrays of numbers have entries of eight bytes; others, such as flags, are shared by runs.
     """
 
     def own(leaf: Any) -> Any:
@@ -96,9 +96,9 @@ def map_seeded(function: Callable[[Any], Any], params: Params) -> Params:
 
 
 class State(NamedTuple):
-    """State of a run, which changes from step to step: parts of one array, but for what MuJoCo keeps itself.
+    """State of a run, which changes from step to step: parts of one array, except for MuJoCo's own arrays.
 
-    `memory.flat` is the part of that array that decides on the rest of the run.
+    `memory.flat` is the part of that array that determines the rest of the run.
 
     Attributes:
         steps: Number of steps taken, shape (1,); MuJoCo's clock counts its own.
@@ -127,8 +127,8 @@ class Loop(NamedTuple):
     """The closed loop of a world, for compiled code.
 
     Attributes:
-        params: What does not change.
-        state: What changes, and is the world's own.
+        params: Constants of the run.
+        state: State of the run.
     """
 
     params: Params
@@ -136,7 +136,7 @@ class Loop(NamedTuple):
 
 
 Bodies = tuple[Array, Array, Array, Array]
-"""Arrays of what moves the bodies: qpos, qvel, ctrl and act of a `State`."""
+"""Arrays of an engine: qpos, qvel, ctrl and act of a `State`."""
 
 
 @inline_jit
@@ -181,7 +181,7 @@ def run_law(loop, t):
 
 @inline_jit
 def medium_at(medium, present, fleet, qpos, v):
-    """Velocity of the medium, whose state is `present`, at the origin of vehicle v, as three numbers, m/s."""
+    """Return the velocity of the medium, whose state is `present`, at the origin of vehicle v, three numbers, m/s."""
     body = fleet.bodies[v]
     a = body.qpos
     z = 0.0 if fleet.kinds[body.kind].planar else qpos[a + 2]
@@ -235,7 +235,7 @@ def record(loop, log, k, first, last):
 
 @inline_jit
 def begin_span(loop, k, recorder):
-    """Do what comes before step k: place targets for the recorder, and evaluate the law if it is due.
+    """Prepare step k: place targets for the recorder, and evaluate the law if it is due.
 
     Returns:
         Row of the log for the sample at step k, which is counted as written; -1 if it is no sample or there is no room.
@@ -256,7 +256,7 @@ def new_loop(params: Params, bodies: Callable[[Room], Bodies], room: Room) -> Lo
 
     Args:
         params: Constants of the run.
-        bodies: Returns the arrays of what moves the bodies, which may take them from the room.
+        bodies: Function that returns the engine's arrays, which it may take from the room.
         room: The room.
     """
     V, law = len(params.fleet.bodies), params.control.law
@@ -318,11 +318,11 @@ class ClosedLoop(Engine):
 
     @abstractmethod
     def _bodies(self, room: Room) -> Bodies:
-        """Return the arrays of what moves the bodies, taken from a room unless MuJoCo keeps them."""
+        """Return the engine's arrays, taken from a room unless they are MuJoCo's own."""
 
     @abstractmethod
     def _command(self) -> None:
-        """Let every vehicle measure and command, with the state as it is."""
+        """Compute the measurements and commands of every vehicle in the present state."""
 
     def _begin(self) -> None:
         self._lay_out()
@@ -332,7 +332,7 @@ class ClosedLoop(Engine):
         self._command()
 
     def new_loop(self, room: Room) -> Loop:
-        """Return the loop of the present phase at the start of a run, but for where vehicles are, in a room."""
+        """Return the loop of the present phase at the start of a run, without the vehicles' positions, in a room."""
         return new_loop(self.params(), self._bodies, room)
 
     def _lay_out(self) -> None:
@@ -351,9 +351,9 @@ class ClosedLoop(Engine):
             getattr(self._loop.state, name)[:] = getattr(before, name)
 
     def loop_in(self, room: Room) -> Loop:
-        """Return a copy of the loop in a room, with what depends on the seed behind the state.
+        """Return a copy of the loop in a room: its state, followed by the constants that depend on the seed.
 
-        Worlds have this of their own, and share the rest.
+        Each world has its own copy of these; the other constants are shared.
         """
         params, state = self.new_loop(room)
         room.since(0)[:] = self._values
@@ -387,7 +387,7 @@ class ClosedLoop(Engine):
         )
 
     def place(self) -> None:
-        """Put the vehicles where they begin; rotors turn before a multirotor is let go."""
+        """Put the vehicles at their initial positions; rotors of multirotors are already turning."""
         x = self._loop.state.qpos.reshape(-1, 7)
         x[:, :3] = self.system.initial
         x[:, :2] -= self._hand * self._forward

@@ -24,7 +24,7 @@ from mjsheaf.media.medium import advance
 from mjsheaf.mujoco_import import mujoco, quiet
 from mjsheaf.vehicles.arena import Arena, compose, movers_of, place_obstacles
 
-# Of the very library that the Python bindings use.
+# From the same library that the Python bindings use.
 _mj_step = external(next(Path(mujoco.__file__).parent.glob("libmujoco*")), "mj_step", "void", "voidptr", "voidptr")
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -52,14 +52,14 @@ class MujocoArrays(NamedTuple):
 
 
 def mujoco_arrays(model: mujoco.MjModel, data: mujoco.MjData, movers: tuple[Any, ...] = ()) -> MujocoArrays:
-    """Views of MuJoCo's arrays."""
+    """Return views of MuJoCo's arrays."""
     gear, addresses = model.actuator_gear, (model._address, data._address)
     return MujocoArrays(data.qacc, data.qfrc_applied, gear, *addresses, data.mocap_pos, movers)
 
 
 @inline_jit
 def apply_forces(loop, arrays, t):
-    """Let vehicles measure and command at time t, s, and write what the medium does to them: MuJoCo's only forces."""
+    """Compute measurements and commands of all vehicles at time t, s, and write the forces of the medium on them."""
     loop = pinned(loop)
     params, state = loop.params, loop.state
     fleet = params.fleet
@@ -117,13 +117,13 @@ class World(ClosedLoop):
     """A scenario on MuJoCo bodies, with the loop closed.
 
     Attributes:
-        system, steps_per_sample: see `ClosedLoop`.
-        arena: where each vehicle is in the model. By name: vehicle A1 has the free joint `A1/`, and everything that is
-            its own (bodies, geoms, sites, actuators) has that prefix: `A1/thruster_left`. `actuators` gives the
-            actuators of a vehicle by its id. Vehicles of one kind share the materials of the first.
-        model, data: MuJoCo's own. The state may be read and set between steps; each step overwrites `data.ctrl`,
-            `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Forces of your own go to
-            `data.xfrc_applied`; of a vehicle with added mass only the rigid body feels them: multiply by
+        system, steps_per_sample: See `Engine`.
+        arena: Indices of each vehicle in the model. By name, vehicle A1 has the free joint `A1/`, and all its bodies,
+            geoms, sites and actuators have that prefix, such as `A1/thruster_left`. `actuators` gives the actuators of
+            a vehicle by its id. Vehicles of one kind share the materials of the first.
+        model, data: MuJoCo's model and data. The state may be read and set between steps; each step overwrites
+            `data.ctrl`, `data.qfrc_applied` of the vehicles and `model.actuator_gear`. Write your own forces to
+            `data.xfrc_applied`. They act on the rigid body alone, so for a vehicle with added mass multiply them by
             `vehicle.rigid_wrench_map`.
     """
 
@@ -138,15 +138,15 @@ class World(ClosedLoop):
         """Compose the arena and put every vehicle at its initial position and heading.
 
         Args:
-            scenario: a Scenario, the System that one describes, or the phases of a run.
-            controller: a law in Python in place of the agents' own; see `mjsheaf.law.in_python`.
+            scenario: A Scenario, the System that one describes, or the phases of a run.
+            controller: A law in Python in place of the agents' own; see `mjsheaf.law.in_python`.
             commanded: True if `add_to_command` gives the agents' whole command, in place of their own law; 'thrust' if
                 it gives the commands of their actuators, in place of law and autopilot.
-            visible: False for a model without the geoms that are only to be seen: the same motion to the bit, sooner.
+            visible: False for a model without purely visual geoms, which is faster; the motion is the same to the bit.
 
         Raises:
-            InputError: a vehicle is unknown, or does not fit the dimension of its agent or target; or a law in Python
-                where the control period is 0.
+            InputError: A vehicle is unknown, or does not fit the dimension of its agent or target; or there is a law in
+                Python, and the control period is 0.
         """
         self._visible = visible
         super().__init__(scenario, controller=controller, commanded=commanded)
@@ -166,7 +166,7 @@ class World(ClosedLoop):
 
     @property
     def steps_taken(self) -> int:
-        """Physics steps since the start, by MuJoCo's clock: those count that were taken without `step`."""
+        """Number of physics steps since the start by MuJoCo's clock, including those taken without `step`."""
         return round((self.data.time - self.system.grid.start) / self._timestep)
 
     def _command(self) -> None:
@@ -176,7 +176,7 @@ class World(ClosedLoop):
         mujoco.mj_resetData(self.model, self.data)
         self.data.time = self.system.grid.start
         super()._begin()
-        # Where a command is bad MuJoCo would warn and take others; `step` raises.
+        # For a bad command MuJoCo would warn and use others; `step` raises instead.
         (mujoco.mj_fwdPosition if _is_bad(self.data.ctrl) else mujoco.mj_forward)(self.model, self.data)
 
     def get_state(self) -> Array:
@@ -186,7 +186,7 @@ class World(ClosedLoop):
         return super().get_state()
 
     def restore(self, state: Array) -> bool:
-        """Take over a state, as `Engine.restore`, and what MuJoCo computes of positions."""
+        """Restore a state, as `Engine.restore`, and update the quantities that MuJoCo computes from positions."""
         fits = super().restore(state)
         mujoco.mj_fwdPosition(self.model, self.data)
         return fits
@@ -227,7 +227,7 @@ class World(ClosedLoop):
 
 
 def arena_of(system: System, colours: Array | None = None, visible: bool = True) -> Arena:
-    """Compose the arena of a system; colours (V, 3) paint the vehicles, and they need not be visible."""
+    """Compose the arena of a system; `colours` (V, 3) are those of the vehicles, `visible` includes visual geoms."""
     plan, obstacles = system.bodies, None
     if plan.contacts and system.safety is not None:
         ids = system.safety.obstacle_ids

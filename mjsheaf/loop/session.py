@@ -1,4 +1,4 @@
-"""A run that is stepped by control periods, on ideal kinematics or bodies, whichever engine moves them.
+"""Runs that advance by control periods, on ideal kinematics or bodies, with any engine.
 
 `simulate`, `simulate_many`, `compare` and the environments are callers of `Session`.
 """
@@ -55,8 +55,8 @@ class Session(WithThreads):
             engine: Engine that moves bodies: 'mujoco' or 'fused'; see `simulate`.
             threads: Maximum number of threads of the fused engine; None takes all processors, see `simulate`.
             controller: A law in Python in place of the agents' own; see `simulate`.
-            commanded: True if the argument of `step` replaces the agents' own law; by default it is added. 'thrust' if
-                it has the commands of actuators, which replace law and autopilot: on bodies only.
+            commanded: True if the argument of `step` replaces the agents' own law; by default it is added to it.
+                'thrust' if it contains actuator commands, which replace law and autopilot (on bodies only).
             allow_drift: True to also simulate a team whose harmonic extension is not unique; see `simulate`.
             visible: True for a MuJoCo model that includes purely visual geoms.
 
@@ -86,14 +86,14 @@ class Session(WithThreads):
                 keeps the seed, and gives the same run again, to the bit.
 
         Raises:
-            InputError: The seed is no whole number of at least 0.
+            InputError: The seed is not an integer >= 0.
         """
         self.engine.reset(seed)
 
     def observe(self) -> "Sample":
-        """Return what agents may know now, and apart from that the truth; this changes nothing of the run.
+        """Return the local information of the agents now and, separately, the true state; the run is not affected.
 
-        It is the record that a law in Python is handed; sample k is what row k of the dataset holds.
+        It is the record that a law in Python receives. Sample k corresponds to row k of the dataset.
         """
         return self.engine.observe()
 
@@ -103,8 +103,8 @@ class Session(WithThreads):
         Args:
             command: Velocity of each agent relative to the medium, in this period, padded, shape (N, 3), m/s. It is
                 added to the command of the agents' law before the speed limit; if the session is `commanded`, it takes
-                its place. None stands for zeros, which change nothing of a law's command, to the bit. If `commanded`
-                is 'thrust': the command of each actuator of the agents, in the order of `result.nc`, shape (A,).
+                its place. None stands for zeros, which leave the law's command unchanged to the bit. If `commanded` is
+                'thrust': the command of each actuator of the agents, in the order of `result.nc`, shape (A,).
 
         Raises:
             UnstableError: The state became bad; the message names vehicle, time and likely cause.
@@ -126,7 +126,7 @@ class Session(WithThreads):
             scenario: The session's scenario; its events before the present sample are the same.
 
         Raises:
-            InputError: As for `simulate`; the session continues as before.
+            InputError: The scenario is invalid, see `simulate`; the session continues as before.
             NotUniqueError: The harmonic extension is not unique in some phase.
         """
         plan = self.engine.system.bodies
@@ -172,7 +172,7 @@ def engine_of(
 ) -> "Engine":
     """Return the engine of a run at its start.
 
-    This function does not refuse runs that cannot be simulated; see `prepare_run`.
+    Runs that cannot be simulated are refused by `prepare_run`, not here.
 
     Args:
         run: A system, or the phases of a run on their engine.
@@ -214,16 +214,16 @@ def prepare_run(
     *,
     allow_drift: bool = False,
 ) -> "tuple[Phase, ...]":
-    """Return the phases of a run on an engine and threads; MuJoCo takes one. See `simulate`.
+    """Return the phases of a run on an engine and a number of threads (1 for MuJoCo); see `simulate`.
 
-    What cannot be simulated is refused, the same on both backends, before anything is simulated or written.
+    Runs that cannot be simulated are refused before anything is simulated or written. Both backends refuse the same
+    scenarios, also for faults of vehicles, because a scenario that only one of them accepts could not be compared.
 
     Raises:
-        InputError: unknown backend or engine, threads below 1, or either for ideal kinematics; contacts, where the
-            engine has none; a vehicle that is unknown or does not fit its agent or target, which matters to the ideal
-            backend too, as a scenario that only one backend takes is not one to compare; or a g that is not of full row
-            rank.
-        NotUniqueError: the harmonic extension is not unique, in some phase of the run, and drift is not allowed.
+        InputError: The backend or engine is unknown; threads is below 1; an engine or several threads are given for
+            ideal kinematics; the engine has no contacts; a vehicle is unknown or does not fit its agent or target; or a
+            g does not have full row rank.
+        NotUniqueError: The harmonic extension is not unique in some phase of the run, and drift is not allowed.
     """
     from mjsheaf.loop.system import DEFAULT_VEHICLE, on_engine, phases_of
     from mjsheaf.vehicles.allocation import without_full_row_rank

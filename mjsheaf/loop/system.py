@@ -68,7 +68,7 @@ _MOST_EIGENVALUES = 600  # of a matrix whose eigenvalues are all found
 _STOP = 0.01  # s; resolution of the responses of vehicles under a continuous law
 
 STILL = "still"
-"""Name of a flow field that is at rest, whatever else moves."""
+"""Name of the flow field at rest."""
 
 DEFAULT_VEHICLE = {2: "hull", 3: "aerial"}
 """Vehicle of an agent or target of each dimension unless the scenario names another; it takes any effects and tau."""
@@ -141,7 +141,7 @@ class System:
         waiting: Station of the vehicles that hold their position: agents until they join, and fixed targets; None if
             there are none.
         seed: Seed of gusts and waves.
-        safety: What keeps vehicles apart; None if nothing does.
+        safety: Fields of the safety filter; None without one.
         earlier_medium: Bound on the medium's speed around each vehicle in earlier phases, shape (V,), m/s; 0 if there
             are none.
     """
@@ -167,10 +167,10 @@ class System:
     earlier_medium: Array | float = 0.0
 
     def described_vehicle(self, name: str) -> Vehicle:
-        """A vehicle as its files describe it; they are compiled once for a system and all copies of it.
+        """Return a vehicle as its files describe it; they are compiled once for a system and all copies of it.
 
         Raises:
-            InputError: the vehicle is unknown, or its files are not valid.
+            InputError: The vehicle is unknown, or its files are not valid.
         """
         known = self.bodies.compiled
         if (name,) not in known:
@@ -184,7 +184,7 @@ class System:
         """Return the vehicle of every agent and target, in order, with the configured effects and time constant.
 
         Raises:
-            InputError: a vehicle is unknown, its files are not valid, or it does not fit the dimension of its agent or
+            InputError: A vehicle is unknown, its files are not valid, or it does not fit the dimension of its agent or
                 target; the message begins with the field.
         """
         plan, vehicles = self.bodies, []
@@ -219,7 +219,7 @@ class System:
         """Physics steps between samples.
 
         Raises:
-            InputError: the timestep does not divide the period.
+            InputError: The timestep does not divide the period.
         """
         return whole_ratio(self.grid.period, self.bodies.timestep)
 
@@ -251,7 +251,7 @@ class System:
 
     @cached_property
     def control_of_bodies(self) -> ControlArrays:
-        """The same on bodies: feedforward looks ahead by their time constants too, and vehicles keep further apart."""
+        """The same on bodies: feedforward also leads by their time constants, and safety distances have margins."""
         law, terms = self.law, self.law.terms
         if not (terms.lead.any() or self.safety):
             return self.control
@@ -261,11 +261,11 @@ class System:
         return ControlArrays(self._with_safety(law, self.safety_margins) if self.safety else law, self.motion)
 
     def _with_safety(self, law: LawArrays, margins: Array) -> LawArrays:
-        """Return a law that keeps vehicles apart as the scenario demands, by margins (V,) in m more."""
+        """Return the law with the scenario's safety filter, with margins (V,), m, in addition to its distance."""
         return law if self.safety is None else law._replace(safety=self.separation(margins))
 
     def separation(self, margins: Array) -> SafetyArrays:
-        """Return what keeps vehicles apart for compiled code, with margins (V,) in m in addition to the distance.
+        """Return the safety filter for compiled code, with margins (V,), m, in addition to its distance.
 
         Raises:
             InputError: See `mjsheaf.law.safety.pack_safety`.
@@ -298,7 +298,7 @@ class System:
 
     @cached_property
     def target_speeds(self) -> Array:
-        """Bound on the commanded speed of each target, shape (V,), m/s; agents have 0.
+        """Bound on the commanded speed of each target, 0 for agents, shape (V,), m/s.
 
         A target commands v + pull (r - p) at each sample and holds it for h. Let e = p - r, W a bound on the medium's
         speed, and A one on |r''|. From one sample to the next, e_(k+1) = (1 - pull h) e_k + d, where d is the integral
@@ -339,7 +339,7 @@ class System:
 
     @property
     def vehicle_radii(self) -> Array:
-        """Radius about its origin that holds what is seen of each vehicle, shape (V,), m."""
+        """Radius of a ball about its origin that contains the visible geoms of each vehicle, shape (V,), m."""
         return np.array([vehicle.radius for vehicle in self.vehicles])
 
     @cached_property
@@ -372,9 +372,8 @@ class System:
     def stopping_times(self) -> Array:
         """Distance to a stop of each body over its speed, shape (V,), s.
 
-        That is the time constant tau of a first-order vehicle. One that overshoots travels farther, and is farther
-        from where its commands alone would have moved it, by `mjsheaf.loop.linear.stopping_time`. A vehicle
-        without thrusters or without a linear model counts with tau.
+        For a first-order vehicle it is the time constant tau. A vehicle that overshoots can travel farther; see
+        `mjsheaf.loop.linear.stopping_time`. A vehicle without thrusters or without a linear model gets tau.
         """
         steps = max(1, round(_STOP / self.timestep)) if self.grid.continuous else self.steps_per_sample
         kinds, number = kinds_of(self.vehicles)
@@ -406,7 +405,7 @@ class System:
 
     @cached_property
     def moving(self) -> Parts:
-        """Gusts, waves and all else of the medium that moves, for compiled code.
+        """Gusts, waves and other moving parts of the medium, for compiled code.
 
         Raises:
             InputError: A frozen field of gusts would be too long, or a file does not cover the run; the message begins
@@ -431,7 +430,7 @@ class System:
         """The air above hulls, a part of the medium of bodies; empty without `flow.air`, or if no hull has windage.
 
         Raises:
-            InputError: As `moving`.
+            InputError: See `moving`.
         """
         air, heights = self.flow_named("wind"), np.array([vehicle.windage[3] for vehicle in self.vehicles])
         if "dimension" not in air.model_fields_set or not heights.any():
@@ -444,15 +443,15 @@ class System:
 
     @property
     def _above_hulls(self) -> Array:
-        """Return the points at which air acts on hulls, above where they begin, shape (V, 3), m."""
+        """Return the points at which air acts on hulls at their initial positions, shape (V, 3), m."""
         heights = [self.bodies.surface_height + vehicle.windage[3] for vehicle in self.vehicles]
         return np.column_stack([self.initial[:, :2], heights])
 
     @cached_property
     def mean_wind(self) -> Array:
-        """Velocity of the air above each hull relative to the water, where it begins, shape (V, 3), m/s.
+        """Velocity of the air above each hull's initial position relative to the water, shape (V, 3), m/s.
 
-        It is without gusts and waves, as it is in the end, and zero for vehicles on which no wind acts.
+        It is the mean without gusts and waves at the end of the run, and zero for vehicles on which no wind acts.
         """
         for wind in self.wind:
             v, end = int(np.argmax(wind.met)), self.grid.start + self.grid.steps * self.grid.period  # of any hull
@@ -461,7 +460,7 @@ class System:
         return np.zeros_like(self.initial)
 
     def drift_in_wind(self, medium: Array) -> Array:
-        """Compute the velocity that wind adds to that which agents command, where they hold station, shape (N, 3), m/s.
+        """Compute the velocity that wind adds to the commands of agents that hold station, shape (N, 3), m/s.
 
         Args:
             medium: Velocity of the water relative to the place of each agent, shape (N, 3), m/s.
@@ -473,7 +472,7 @@ class System:
         return drift
 
     def require_fitting(self) -> None:
-        """Require that what moves in the medium, and what keeps vehicles apart, fit the run.
+        """Require that the moving parts of the medium and the safety filter fit the run.
 
         Raises:
             InputError: They do not; the message begins with the field.
@@ -489,12 +488,12 @@ class System:
 
     @cached_property
     def steady_medium(self) -> MediumArrays:
-        """The same without disturbances, gusts, waves and all else that moves."""
+        """The same without disturbances, gusts, waves and other moving parts."""
         return pack_medium(len(self.team.agents), self.planar, self.flows, self.field, self.bodies.surface_height)
 
     @cached_property
     def moving_bounds(self) -> Bounds:
-        """Bounds of gusts, waves and all else of the medium that moves."""
+        """Bounds of gusts, waves and other moving parts of the medium."""
         return bounds_of(self.moving, len(self.field))
 
     @cached_property
@@ -510,17 +509,17 @@ class System:
         return dict(zip(self.flow_names, self.flows, strict=True)).get(name) or NO_FLOW
 
     def fields_met(self, first: int, last: int) -> list[tuple[FlowField, bool]]:
-        """Each flow field that vehicles from first to last meet, and whether in the plane, every pair once."""
+        """Return each flow field that vehicles from first to last meet, with True if in the plane; every pair once."""
         members = self.team.members
         met = dict.fromkeys((int(self.field[v]), members[v].dimension == 2) for v in range(first, last))
         return [(self.flows[k], planar) for k, planar in met]
 
     @cached_property
     def remaining(self) -> "System":
-        """The system that checks are about: of the present agents and all targets alone, with fixed targets at rest.
+        """The system that `check` analyses: the present agents and all targets, with fixed targets at rest.
 
-        A target that holds its position moves as one that no medium moves. It is the system itself where no agent is
-        absent and no target fixed.
+        A fixed target is treated as one that no medium moves. If no agent is absent and no target is fixed, this is the
+        system itself.
         """
         system, team = self, self.team
         if team.absent:
@@ -556,7 +555,7 @@ class System:
 
     @cached_property
     def largest_eigenvalue(self) -> float:
-        """The x near q* with which the paper's held law is stable for k1 h x < 2.
+        """The number x for which the paper's held law is stable near q* if k1 h x < 2.
 
         That is lambda_max(H) if H is symmetric. A complex eigenvalue lambda counts as |lambda|^2 / Re lambda.
         """
@@ -578,14 +577,14 @@ class System:
 
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of a run under one system: its law, links, targets' motions, medium and effectiveness are its own.
+    """Part of a run under one system. Law, links, motions of targets, medium and effectiveness may differ by phase.
 
-    Vehicles, where they begin, sample times and how bodies are simulated are those of the whole run: see `phases_of`.
+    Vehicles, initial positions, sample times and options of bodies are those of the whole run: see `phases_of`.
 
     Attributes:
-        start: number of the sample at which it begins.
-        system: what runs from there on.
-        events: what happens there, in words; none at the start of most runs.
+        start: Number of the sample at which it begins.
+        system: System of the phase.
+        events: Events at its start, in words; usually none for the first phase.
     """
 
     start: int
@@ -594,12 +593,12 @@ class Phase:
 
     @property
     def time(self) -> float:
-        """When it begins, s."""
+        """Time at which it begins, s."""
         return float(self.system.grid.span(self.start, self.start + 1)[0])
 
     @property
     def name(self) -> str:
-        """Its events in a line."""
+        """Its events in one line."""
         return ", ".join(self.events) or "start"
 
 
@@ -607,7 +606,7 @@ def whole_ratio(period: float, timestep: float) -> int:
     """Return the number of physics steps in a period.
 
     Raises:
-        InputError: not a whole number.
+        InputError: It is not a whole number.
     """
     ratio = period / timestep
     if not (0.5 < ratio < 1e9 and abs(ratio - round(ratio)) <= 1e-6 * ratio):
@@ -630,9 +629,9 @@ def on_engine(phases: Sequence[Phase], engine: str, threads: int = 1) -> tuple[P
 
 
 def during(phases: Sequence[Phase], k: int, initial: Array | None = None) -> System:
-    """The system of the agents present in phase k of a run, over that phase alone.
+    """Return the system of the agents present in phase k of a run, over that phase alone.
 
-    `initial` holds the positions of all vehicles at its start, shape (V, 3), m; None takes those of the run's.
+    `initial` holds the positions of all vehicles at its start, shape (V, 3), m; None takes the run's initial positions.
     """
     phase, grid = phases[k], phases[k].system.grid
     end = phases[k + 1].start if k + 1 < len(phases) else grid.steps
@@ -645,8 +644,8 @@ def phases_of(run: "Scenario | System | Sequence[Phase]") -> tuple[Phase, ...]:
     """Return the phases of a run: those of a scenario, or one for a system alone.
 
     Raises:
-        InputError: It is no run; or phases do not begin with sample 0, do not follow one another, or differ in what is
-            the whole run's; the message names that.
+        InputError: The argument is not a run; or phases do not begin with sample 0, are not in order, or differ in what
+            is common to the whole run, which the message names.
     """
     given = [Phase(0, run)] if isinstance(run, System) else run
     if not (isinstance(given, list | tuple) and all(isinstance(phase, Phase) for phase in given)):
@@ -662,7 +661,7 @@ def phases_of(run: "Scenario | System | Sequence[Phase]") -> tuple[Phase, ...]:
 
 
 def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
-    """Yield phases whose safety filter knows how far earlier media may have carried targets that are pulled back."""
+    """Yield phases whose safety filter accounts for the distance that earlier media may have carried pulled targets."""
     earlier = np.zeros(len(phases[0].system.planar))
     for phase in phases:
         system = phase.system
@@ -675,10 +674,10 @@ def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
 
 
 def _require_same_run(phase: Phase, first: System) -> None:
-    """Refuse a phase that differs from the first in what no phase can change."""
-    wanted = _fixed(first)
+    """Refuse a phase that differs from the first in a part that no phase can change."""
+    common = _fixed(first)
     for name, own in _fixed(phase.system).items():
-        if not np.array_equal(own, wanted[name]) if isinstance(own, np.ndarray) else own != wanted[name]:
+        if not np.array_equal(own, common[name]) if isinstance(own, np.ndarray) else own != common[name]:
             raise InputError(
                 f"the phase from sample {phase.start} has other {name} than the first; expected the same in all "
                 "phases, which may differ in law, edges, links, motions, medium and effectiveness"

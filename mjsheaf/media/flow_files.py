@@ -614,9 +614,9 @@ def _seconds(dates: Any, start: str | None) -> Array:
 
 
 def _merge(parts: list[_Part], pair: _Pair, notes: list[str], *, least_turn: float = 1e-3) -> Grid:
-    """Return the grid of some components: on a C-grid, that of the middles of its cells.
+    """Return the grid of some components; for a C-grid, that of the cell centres.
 
-    A grid that is turned by less than `least_turn`, rad, has its axes east and north.
+    The axes of a grid that is turned by less than `least_turn`, rad, are taken as east and north.
 
     Raises:
         InputError: They have different times, or no places in common.

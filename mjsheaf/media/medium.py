@@ -1,15 +1,15 @@
-"""The medium about the vehicles, for compiled code: parameters, state, and what it does at a time.
+"""The medium around the vehicles, for compiled code: parameters, state, velocity and surface.
 
-`MediumArrays` holds the parameters, which nothing changes during a phase of a run; `MediumState` holds all that
+`MediumArrays` holds the parameters, which are constant during a phase of a run; `MediumState` holds everything that
 depends on time. A loop calls `hold` at each sample, `advance` once for each time and range of vehicles, and then
-`medium_velocity` and `surface_about` at as many points as it likes. A medium that moves is a part of both; no loop
-changes. Vehicles are advanced in ranges by several threads at once, so that the state of each vehicle is its own. It is
-a function of time alone: at any time, a run can continue with a new state.
+`medium_velocity` and `surface_about` at any number of points. A moving part of the medium extends both structures, and
+loops need no change. Several threads advance ranges of vehicles at once, so each vehicle has a separate state. The
+state is a function of time alone, so a run can continue at any time with a new one.
 
-What moves is a tuple of parts, each a named tuple: see `mjsheaf.media.varying.Moving` and `mjsheaf.compile.jit`.
+The moving parts are a tuple, each a named tuple: see `mjsheaf.media.varying.Moving` and `mjsheaf.compile.jit`.
 
-`medium` returns the medium of a scenario, to be looked at: velocities and surface at any times and places, as a run
-meets them.
+`medium` returns the medium of a scenario as an object that gives velocities and surface at any times and places, as in
+a run.
 """
 
 from collections.abc import Iterator, Sequence

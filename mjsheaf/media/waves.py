@@ -97,16 +97,16 @@ class Waves(Moving):
         return np.asarray(gamma ** np.exp(-0.5 * ((s**-0.5 - 1.0) / width) ** 2))
 
     def sampled(self, seed: int, *, few: int = 20, count: int = 60, bearings: int = 13) -> "Components":
-        """Return waves whose sum over any smooth function of frequency is the integral over the spectrum.
+        """Return waves such that sums over smooth functions of frequency are integrals over the spectrum.
 
-        They are at the nodes of Gauss and Legendre in s, and of the trapezoidal rule in the direction, which is exact
-        for cos^2. A sea of fewer than `few` waves is those waves themselves.
+        They are at Gauss-Legendre nodes in s, and at nodes of the trapezoidal rule in the direction, which is exact for
+        cos^2. If the sea has fewer than `few` waves, they are returned themselves.
 
         Args:
             seed: Seed of the scenario.
             few: See above.
             count: Number of nodes on each side of the peak.
-            bearings: Number of directions, with both ends, at which there is nothing.
+            bearings: Number of directions, including both ends, which have no waves.
         """
         if self.components < few:
             return self.components_of(seed)

@@ -382,7 +382,7 @@ def _project(
 
 
 def _projections(data: "xr.Dataset", part: "xr.DataArray", x: "xr.DataArray") -> "Iterator[CRS]":
-    """Yield the projections of a variable: by CF's attributes, and by a string of PROJ that some files add."""
+    """Yield the projections of a variable, from its CF attributes and from a PROJ string if there is one."""
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 

@@ -384,7 +384,7 @@ def read_netcdf(path: Path, selection: Selection) -> Rows:
 
 
 def _find(dataset: "xr.Dataset") -> dict[str, "xr.DataArray"]:
-    """Return time and the coordinates of positions: by standard name or unit as CF has them, else by name."""
+    """Return time and the coordinates of positions, found by CF standard name or unit, otherwise by name."""
     import cf_xarray  # noqa: F401  # adds the accessor `cf`
 
     listing = dataset.set_coords(list(dataset.data_vars)).cf

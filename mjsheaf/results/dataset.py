@@ -67,7 +67,7 @@ class Samples:
         return np.where(self.team.present[:, None], self.padded(values)[:, : self.agents], np.nan)
 
     def padded(self, values: Array) -> Array:
-        """Return values (T, V, 3), NaN where a vehicle lacks the coordinate."""
+        """Return values (T, V, 3), NaN if a vehicle lacks the coordinate."""
         dimensions = np.array([[member.dimension] for member in self.team.members])
         return np.where(np.arange(3) < dimensions, values, np.nan)
 
@@ -143,7 +143,7 @@ class Samples:
         return found
 
     def channel_labels(self, field: str) -> NDArray[Any]:
-        """Return a field of each vehicle's channels, empty where it has fewer, shape (V, channels)."""
+        """Return a field of each vehicle's channels, empty if it has fewer, shape (V, channels)."""
         width = max(len(own) for own in self.channels)
         rows = [[getattr(channel, field) for channel in own] + [""] * (width - len(own)) for own in self.channels]
         return np.array(rows, dtype=object)
@@ -504,7 +504,7 @@ def join(pieces: Iterable[xr.Dataset]) -> xr.Dataset:
 
 
 def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset]:
-    """Split a run into pieces of `samples` samples, except for the last, whatever its present pieces are."""
+    """Split a run into pieces of `samples` samples, except for the last, for any lengths of the given pieces."""
     held: list[xr.Dataset] = []
     for piece in pieces:
         held.append(piece)

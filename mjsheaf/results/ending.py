@@ -8,17 +8,19 @@ agents of |q*_i - q_i|, over the last quarters of a run:
     not settled  anything else: E still changes, a team that nothing drives oscillates undecayed, or an agent that is
                  commanded to move does not, to the end (see below)
 
-Targets that move, disturbances, gusts, waves and noise drive a team. Then its own oscillations cannot be told from
-driven ones: `checking.loop.body_loop.ending_of_run` asks in addition whether the loop of its vehicles is stable.
+Targets that move, disturbances, gusts, waves and noise drive a team. Then the errors alone do not distinguish forced
+oscillations from those of an unstable loop: `checking.loop.body_loop.ending_of_run` also analyses the loop of its
+vehicles.
 
-An agent is stuck while, for MIN_DURATION or longer and second after second,
+An agent is stuck while, for MIN_DURATION or longer, in every second,
 
 - the commanded velocity relative to the medium has a mean above MIN_SPEED, and varies by less than its mean,
-- the vehicle moves through the medium at less than a tenth of that, and of the speed of which it is capable, and does
-  not gather speed.
+- the vehicle moves through the medium at less than a tenth of that and of its top speed in its slowest direction, and
+  does not accelerate.
 
-An agent that has left the team is not stuck, and neither is one that is carried along by the medium it should rest in,
-nor one whose command holds it against the wind on its hull: it differs from what that takes by half of it at most.
+An agent that has left the team is not stuck. Neither is an agent that should rest relative to the medium and drifts
+with it, nor one whose command holds it against the wind on its hull, that is, differs from the command that does so by
+at most half of it.
 """
 
 from collections.abc import Sequence
@@ -42,25 +44,28 @@ ROUNDING = 1e-9
 """Largest errors, and oscillations of them, that count as rounding, m."""
 
 _MIN_SAMPLES = 8
-_LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # by which the mean error of two quarters may differ
+_LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # largest relative difference of the mean errors of two quarters
 _STEADY_SWING = 0.05  # largest relative difference in amplitude of two quarters that is neither growth nor decay
 _FAINT_SWING = 1e-4  # smallest amplitude of an oscillation, relative to the range of the error
 _MIN_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation from a drift
 _STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to the amplitude of the errors
-# Noise of a standard deviation s moves a mode of the law by s sqrt(k h / (2 - k h lambda)) RMS, with its eigenvalue
-# lambda of H, where maps and weights are of size 1: by less than s, unless the gain is near its limit. It explains no
-# oscillation larger than this times s, over all axes of an agent.
+# Noise of a standard deviation s moves a mode of the law by s sqrt(k h / (2 - k h lambda)) RMS, with lambda its
+# eigenvalue of H, for maps and weights of size 1. That is less than s, unless the gain is near its limit. So noise does
+# not explain an oscillation larger than this factor times s, over all axes of an agent.
 _MAX_OF_NOISE = 3.0
-_SLOWING = 0.9  # of the growth of one quarter over the last: a rise that slows down by more is a transient
+_SLOWING = 0.9  # least ratio of the growth in one quarter to that in the last; a rise that slows more is a transient
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
 
 
 def ending_of_motion(
     run: System | Sequence[Phase], dataset: "xr.Dataset", stuck: Sequence["Stuck"] | None = None
 ) -> Ending | None:
-    """Judge the end of a finished run, as `simulate` gives it; with events, of the last phase; None below 8 samples.
+    """Judge the end of a finished run, or of its last phase if it has events; None below 8 samples.
 
-    `stuck` are the agents that `find_stuck_at_end` finds, if they are known.
+    Args:
+        run: System of the run, or its phases.
+        dataset: Result of `simulate`.
+        stuck: Result of `find_stuck_at_end`, if the caller has it.
     """
     system, last = of_phase(run, dataset, -1)
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
@@ -77,7 +82,7 @@ def is_undriven(system: System, q_star: Array, offsets: Array) -> bool:
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
     driven = system.harmonics[..., :3].any() or system.moving or system.law.terms.noise > 0.0
-    if driven or angles or links["bearing_noise"].any():  # by something of no known size
+    if driven or angles or links["bearing_noise"].any():  # by something of unknown size
         return False
     noise = float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
     swing = swing_at_end(offsets)
@@ -85,11 +90,11 @@ def is_undriven(system: System, q_star: Array, offsets: Array) -> bool:
 
 
 def judge(error: Array, offsets: Array | None = None) -> Ending | None:
-    """Judge the end of a run; None for fewer than 8 samples, or where the error is not finite.
+    """Judge the end of a run; None for fewer than 8 samples, or if the error is not finite.
 
     Args:
         error: Error of the team, shape (T,), m.
-        offsets: Offset of every agent from its q*, shape (T, N, 3), m, where nothing drives the team; else None.
+        offsets: Offset of every agent from its q*, shape (T, N, 3), m, if nothing drives the team; else None.
     """
     if not _is_judgeable(error):
         return None
@@ -119,13 +124,14 @@ def _is_judgeable(error: Array) -> bool:
 
 
 def is_level(error: Array) -> bool:
-    """Return True if the mean error of the last quarter is that of the quarter before. Shape (T,), m.
+    """Return True if the mean of an error (T,), m, over the last quarter equals that over the quarter before.
 
-    It differs from it by at most 1e-9 m, or 1 % of the range that the error went through, or 5 % of both that range and
-    the mean, or by the effect of the unfinished periods of an oscillation.
+    They may differ by 1e-9 m, by 1 % of the range of the error, by 5 % of both that range and the mean, or by the
+    effect of unfinished periods of an oscillation.
 
-    An error that decays as exp(-r t) to nothing is level where r T is above 7.3; one that decays to a level once it
-    changes little next to that level; one that oscillates about a level where a quarter holds a period of it or more.
+    An error that decays to zero as exp(-r t) is level if r T is above 7.3. One that decays to a constant is level once
+    it changes little relative to that constant. One that oscillates about a constant is level if a quarter contains at
+    least one period.
     """
     quarters = _quarters(error)
     (first, _), (before, _), (level, _) = means = [_mean(quarter) for quarter in quarters]
@@ -139,13 +145,14 @@ def is_level(error: Array) -> bool:
 
 
 def settling_time(time: Array, error: Array) -> float | None:
-    """When an error has become level, s after its start; None where it never does.
+    """Return the time from the start until an error has become level, s; None if it never does.
 
-    It is the first sample from which on the error stays below 1.25 times the largest of the run's second half plus 2 %
-    of its largest of all: the transient is then small relative to the rest: a constant, an oscillation or noise.
+    It is the first sample after which the error stays below 1.25 times its maximum over the second half of the run plus
+    2 % of its maximum over the run. The transient is then small relative to the remaining constant, oscillation or
+    noise.
 
     Args:
-        time: shape (T,), s.
+        time: Sample times, shape (T,), s.
         error: Error of the team, shape (T,), m.
     """
     if not _is_judgeable(error) or not is_level(error):
@@ -156,13 +163,13 @@ def settling_time(time: Array, error: Array) -> float | None:
 
 
 def _quarters(values: Array) -> list[Array]:
-    """The last three quarters of a series, of equal length."""
+    """Return the last three quarters of a series, of equal length."""
     n = len(values) // 4
     return [values[len(values) - k * n : len(values) - (k - 1) * n] for k in (3, 2, 1)]
 
 
 def _mean(quarter: Array) -> tuple[float, bool]:
-    """The mean of a quarter over the whole periods that it holds, or over all of it where there is none; and which."""
+    """Return the mean of a quarter over its whole periods, or over all of it without one, and True for the former."""
     trend = np.linspace(-0.5, 0.5, len(quarter))
     level = quarter - quarter.mean() - 12.0 * (trend @ quarter) / len(quarter) * trend
     rising = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
@@ -172,17 +179,17 @@ def _mean(quarter: Array) -> tuple[float, bool]:
 
 
 def _swing(offsets: Array) -> float:
-    """RMS over time and agents of the distance from the mean, (T, N, 3), m."""
+    """Return the RMS over time and agents of the distance of offsets (T, N, 3), m, from their mean, m."""
     return float(np.sqrt(offsets.var(axis=0).sum(axis=-1).mean())) if len(offsets) else 0.0
 
 
 def swing_at_end(offsets: Array) -> float:
-    """RMS over the last quarter and agents of the distance from the mean, (T, N, 3), m."""
+    """Return the RMS over the last quarter and agents of the distance of offsets (T, N, 3), m, from their mean, m."""
     return _swing(_quarters(offsets)[-1])
 
 
 def _reversals(values: Array) -> int:
-    """Count how often the component that varies most crosses its mean, (T, ...)."""
+    """Count the crossings of the mean by the component of (T, ...) that varies most."""
     flat = values.reshape(len(values), -1)
     own = flat[:, int(flat.var(axis=0).argmax())]
     sign = np.sign(own - own.mean())
@@ -199,9 +206,9 @@ MIN_SPEED = 0.05
 
 _BLOCK = 1.0  # s, over which velocities are averaged
 _MAX_BLOCKS = 2000
-_MAX_MADE = 0.1  # of the commanded speed
-_MAX_GAIN = 0.02  # of the commanded speed, that an agent which is still under way gathers from block to block
-# Of thrusters at a limit; and by how much a command differs from that which holds a hull against the wind.
+_MAX_MADE = 0.1  # largest speed of a stuck agent, as a fraction of the commanded one
+_MAX_GAIN = 0.02  # largest increase in speed from block to block of a stuck agent, as a fraction of the commanded speed
+# Fraction of thrusters at a limit; and relative difference of a command from that which holds a hull against the wind.
 _MOSTLY = 0.5
 
 
@@ -210,8 +217,8 @@ class Stuck:
     """The longest time for which one agent is stuck.
 
     Attributes:
-        agent: Its number.
-        start, end: Begin and end of that time, s.
+        agent: Number of the agent.
+        start, end: Start and end of that time, s.
         asked: Mean commanded speed meanwhile, m/s.
         error: Tracking error at the end of it, m.
         reason: Cause, in words.
@@ -235,13 +242,13 @@ class _Blocks:
     """Means over blocks of time, of every agent.
 
     Attributes:
-        time: Begin of each block and end of the last, shape (B + 1,), s.
+        time: Start of each block and end of the last, shape (B + 1,), s.
         asked: Mean of the commanded velocity relative to the medium, shape (B, N, 3), m/s.
         speed: RMS of the velocity relative to the medium, shape (B, N), m/s.
         flow: Speed of the medium, shape (B, N), m/s.
         saturation: Fraction of thrusters at a limit, shape (B, N).
         error: Tracking error, shape (B, N), m.
-        still: True for agents that are commanded to move and do not, shape (B, N).
+        still: True for agents that are commanded to move but do not, shape (B, N).
     """
 
     time: Array
@@ -263,10 +270,10 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
     present = np.array([phase.system.team.present for phase in phases])
     number = np.clip(np.searchsorted([phase.time for phase in phases], blocks.time, side="right") - 1, 0, None)
     still = blocks.still & present[number[:-1]] & present[number[1:]]
-    held = -system.drift_in_wind(np.zeros((still.shape[1], 3)))  # what an agent at rest is commanded in wind
+    held = -system.drift_in_wind(np.zeros((still.shape[1], 3)))  # command of an agent at rest in wind
     for v in np.flatnonzero(still.any(axis=0)).tolist():  # at full speed it is not stuck, whatever the command
         still[:, v] &= blocks.speed[:, v] < _MAX_MADE * system.vehicles[v].capability.least_speed
-        # Nor is it where the command holds it against the wind on its hull.
+        # Nor is it stuck if the command holds it against the wind on its hull.
         beyond = np.linalg.norm(blocks.asked[:, v] - held[v], axis=1)
         still[:, v] &= (beyond > _MOSTLY * np.linalg.norm(held[v])) | (blocks.saturation[:, v] > _MOSTLY)
     found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]
@@ -280,7 +287,7 @@ def find_stuck_at_end(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[St
 
 
 def _average(dataset: "xr.Dataset") -> _Blocks:
-    """Average a run over blocks of time; of a long run some samples stand for all."""
+    """Average a run over blocks of time; a long run is thinned."""
     names = ["velocity_command", "agent_velocity", "agent_flow", "agent_saturation", "tracking_error"]
     data = thinned(dataset[["agent_position", *names]])
     time = data["time"].values
@@ -314,7 +321,7 @@ def _average(dataset: "xr.Dataset") -> _Blocks:
 
 
 def _longest(system: System, blocks: _Blocks, still: BoolArray, v: int) -> Stuck | None:
-    """Return the longest time for which an agent is still, shape (B,); None where that is too short."""
+    """Return the longest time for which an agent is still; None if that is too short."""
     change = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     begins, ends = change[::2], change[1::2]
     k = int((blocks.time[ends] - blocks.time[begins]).argmax())
@@ -334,7 +341,7 @@ def _longest(system: System, blocks: _Blocks, still: BoolArray, v: int) -> Stuck
 
 
 def _reason(system: System, v: int, asked: float, flow: float, saturation: float) -> str:
-    """Say why an agent does not move."""
+    """Return the reason why an agent does not move."""
     vehicle = system.vehicles[v]
     able = vehicle.capability.least_speed
     if flow > able:

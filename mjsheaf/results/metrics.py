@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 _CLOSE = 6  # neighbours among which the nearest one is looked for
 _FEW = 100  # maximum number of vehicles for which all pairs are compared
-_HELD_BACK = 0.5  # fraction of an agent's speed; where the filter changes more, it keeps the agent from its place
-_CIRCLING = 0.2  # fraction of an agent's error that it moves away from where the last tenth begins, where it circles
+_HELD_BACK = 0.5  # fraction of an agent's speed; if the filter changes more, it keeps the agent from its place
+_CIRCLING = 0.2  # fraction of its error by which an agent that circles moves during the last tenth
 _ARRIVING = 0.1  # factor by which the error of an agent that arrives falls over the last tenth of a run, at least
 ROUNDING_ERROR = 1e-9
 """Errors below this are rounding, which differs between machines, m."""
@@ -63,9 +63,9 @@ class Errors:
 
 
 def evaluate_errors(team: Team, positions: Array, path: Path | None = None, time: Array | None = None) -> Errors:
-    """Compute all errors from positions (T, V, 3), with a q* that continues a path if one is given.
+    """Compute all errors from positions (T, V, 3), m, with a q* that continues a path if one is given.
 
-    Times (T,), s, matter while formations change.
+    Times (T,), s, are needed while formations change.
     """
     q, p = team.split(positions)
     q_star = team.extend(p, q, path, time)
@@ -149,7 +149,7 @@ def clearances(safety: SafetyArrays, times: Array, places: Array) -> Array:
     """Compute the smallest distance minus the required one over all pairs with an agent, shape (T,), m.
 
     Args:
-        safety: What vehicles keep apart, without margins.
+        safety: Parameters of the safety filter, without margins.
         times: Times of the samples, s.
         places: Positions in space, shape (T, V, 3), m; a vehicle at NaN does not count.
     """
@@ -161,7 +161,7 @@ def clearances(safety: SafetyArrays, times: Array, places: Array) -> Array:
         agents = known[known < N]
         if len(known) < 2 or not len(agents):
             continue
-        # What the nearest pairs leave bounds the distance of all pairs that leave less.
+        # The smallest gap of the nearest pairs bounds the distance of all pairs with a smaller gap.
         near, who = tree.query(at[agents], 2)
         left = (near[:, 1] - radius[agents] - radius[known[who[:, 1]]]).min()
         reach = max(left, 0.0) + 2.0 * radius[known].max()
@@ -180,8 +180,8 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
 
     An agent is deadlocked if the filter still keeps it from its place: over the last tenth of the run, the filter acts
     at most samples, its mean correction exceeds half of the mean speed that remains, and the tracking error does not
-    fall to a tenth. So agents that stop are deadlocked, and agents that circle without arriving, which `circling`
-    names: they still move, in the world and relative to the middle of the team.
+    fall to a tenth. So agents that stop are deadlocked, and also agents that circle without arriving, which
+    `circling` names: they still move, in the world and relative to the centre of the team.
     """
     if "separation" not in dataset:
         return None

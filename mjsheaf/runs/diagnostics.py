@@ -3,7 +3,7 @@
     bound         a theoretical bound is exceeded
     shape         a formation ends as its mirror image, on a line, or reflected in a point
     diverging     the team's error grows to the end
-    slip          a value in the files looks like a mistake, such as a static target in a flow (see `slips`)
+    slip          a value in the files looks like a mistake, such as a static target in a flow (see `slips_of`)
     medium        flow and disturbance are faster than a vehicle can move
     saturated     thrusters at a limit for more than a tenth of the time
     limited       commands at the velocity limit for more than a tenth of the time
@@ -105,7 +105,7 @@ def notes_of_run(
     """
     stuck = find_stuck(phases, dataset)
     end = float(dataset["time"].values[-1])
-    stuck_to_the_end = any(one.end >= end and one.error > ROUNDING for one in stuck)  # its own note says enough
+    stuck_to_the_end = any(one.end >= end and one.error > ROUNDING for one in stuck)  # reported in its own note
     found = [
         *(Note("slip", sentence) for sentence in slips),
         *(Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()),
@@ -172,7 +172,7 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
     present_in = np.array([phase.system.team.present for phase in phases])
     limit_in = np.array([phase.system.law.limit[:N] for phase in phases])
     present, saturated, limited, exceeded = np.zeros((4, N))  # numbers of samples
-    worst = np.zeros((4, N))  # where the medium is the fastest: its speed over the agent's, both speeds, and the time
+    worst = np.zeros((4, N))  # at the largest ratio of the medium's speed to the agent's: it, both speeds, time
     names = ["agent_flow", "phase", *["velocity_command"] * by_law, *["agent_saturation"] * bodies]
     for chunk in pieces_of(dataset, names):
         there, limit = (values[chunk["phase"].values] for values in (present_in, limit_in))
@@ -300,7 +300,7 @@ def examine_terms(run: System | Sequence[Phase], dataset: xr.Dataset) -> dict[st
         and fewer than 8 samples. It has the names of the terms (`on`), the deviation of the white noise whose command
         jumps as much from sample to sample and the commanded speed (`jump_m_s`, `commanded_m_s`, RMS, the latter over
         the whole run), the fractions of samples at the velocity limit and of thrusters at a limit (`share_at_limit`,
-        `share_saturated`, None on ideal kinematics), and sentences with the fault and what may help (`harm`).
+        `share_saturated`, None on ideal kinematics), and sentences with the fault and a possible remedy (`harm`).
     """
     system, dataset = of_phase(run, dataset, -1)
     bodies, count = dataset.attrs["backend"] == "physics", dataset.sizes["time"]

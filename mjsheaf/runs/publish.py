@@ -152,7 +152,7 @@ class Timings:
 
 
 def show_live(pieces: Iterable[xr.Dataset], make_sink: Callable[[], store.Sink]) -> Generator[xr.Dataset]:
-    """Yield the pieces of a run, each once a sink, which is made when the first one is asked for, has shown it."""
+    """Yield the pieces of a run, each after a sink has shown it; the sink is made with the first piece."""
     with closing(make_sink()) as sink:
         for number, piece in enumerate(pieces):
             if number == 0:
@@ -178,8 +178,8 @@ def execute(
 ) -> Outcome:
     """Run a scenario (see `simulate`) and publish its directory (see `publish`).
 
-    A run that blows up is published too, with status 'unstable'. With 'live' among the exports it is also shown while
-    it goes on, in short pieces, so that a slow run is not shown in leaps.
+    A run that blows up is published too, with status 'unstable'. With 'live' among the exports it is also shown during
+    the simulation, in short pieces, so that a slow run moves smoothly.
 
     Raises:
         InputError: The backend is unknown, or the scenario cannot be simulated. Nothing is written.
@@ -528,7 +528,7 @@ def draw_video(
     """Draw a video, or explain why there is none; a machine without OpenGL still writes the data.
 
     Args:
-        films: Makes the runs that are drawn side by side, each with its model.
+        films: Function that returns the runs to draw side by side, each with its model.
         path: File to write.
         options: Options of the video.
         progress: Callback, called with the name of the activity, the steps done and the number of steps.
@@ -540,7 +540,7 @@ def draw_video(
     Raises:
         PlaceError: The file cannot be written.
     """
-    from mjsheaf.video import draw  # here, as it loads what runs without videos do not need
+    from mjsheaf.video import draw  # here, because runs without videos do not need it
 
     try:
         return draw.draw_video(films(), path, options, partial(progress, "drawing video")), ""

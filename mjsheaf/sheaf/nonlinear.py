@@ -18,8 +18,8 @@ D^T M D is the matrix of Gauss-Newton. The Jacobian of the disagreement is H = D
     range      w ((1 - r/abs(z)) P + g g^T)
     bearing    w/abs(z) ((g . h*) P + g (P h*)^T),
 
-which is M where an edge fits, h = h*, and differs from it by the curvature of h elsewhere. For bearings that do not
-fit, S is not symmetric.
+If an edge fits (h = h*), S = M; otherwise they differ by the curvature of h. For bearings that do not fit, S is not
+symmetric.
 """
 
 import itertools
@@ -612,11 +612,12 @@ class StationarySolver:
     def settle(self, x: Array, boundary: Array, *, free: bool = False) -> Settled:
         """Find a stationary point from x, shape (n_W,), with boundary values (n_U,).
 
-        Where edges do not fit together, Gauss-Newton is slow or does not converge. Newton's method, with the Jacobian
-        of the disagreement, then takes the last steps, if need be from a point to which the law moves from x.
+        If edges do not fit together, Gauss-Newton is slow or does not converge. The last steps then use Newton's
+        method, with the Jacobian of the disagreement, if necessary from a point to which the law moves from x.
 
-        With `free` motions H is factored at every step: an old one would push what is free now. Bearings are then
-        linearised at the midpoints of the first long steps, so that a scale that is free stays that of the start.
+        With `free` motions H is factored at every step, because an old factor would act on directions that are free
+        now. Bearings are then linearised at the midpoints of the first long steps, so that a free scale stays that of
+        the start.
         """
         arrays = self.arrays
         self._base = self._held @ boundary + arrays.lift

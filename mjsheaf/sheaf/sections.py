@@ -13,9 +13,9 @@ x_w = F_w^+ (F_u x_u - y_e). Take a forest of such edges, rooted at fixed vertic
 reachable. Only the values r at the free roots remain unknown: x = P r + G y with y = delta x. The sections are those
 P r that satisfy all edges. This is a small problem instead of a large one.
 
-The certificate: |delta x| >= |x| / |G| for x orthogonal to P. So delta has at most dim r singular values below 1 / |G|,
-which is compared with the tolerance. The inequality |x_w| <= a |x_u| + b |y_e| with a >= |F_w^+ F_u| and b >= |F_w^+|
-bounds G entry by entry, and |G|^2 <= |G|_1 |G|_inf, both sums along the forest. Rotations give
+The certificate: |delta x| >= |x| / |G| for x orthogonal to P. So delta has at most dim r singular values below 1 / |G|.
+This number is compared with the tolerance. The inequality |x_w| <= a |x_u| + b |y_e| with a >= |F_w^+ F_u| and
+b >= |F_w^+| bounds G entry by entry, and |G|^2 <= |G|_1 |G|_inf, both sums along the forest. Rotations give
 |G|^2 <= depth times size of a tree, far from any tolerance. If the bound is too weak for a component, the general
 method above is used.
 """
@@ -152,7 +152,7 @@ def smallest_eigenvectors(factor: splinalg.SuperLU, known: Array, count: int, to
     operator = splinalg.LinearOperator((n, n), matvec=inverse, dtype=np.float64)
     try:
         return splinalg.eigsh(operator, k=count, which="LM", v0=start, tol=tolerance)[1]
-    except splinalg.ArpackError:  # so many eigenvalues are equal that its few vectors span them all: more of them
+    except splinalg.ArpackError:  # more equal eigenvalues than vectors: use more vectors
         return splinalg.eigsh(operator, k=count, ncv=min(n, 6 * count), which="LM", v0=start, tol=tolerance)[1]
 
 

@@ -205,8 +205,8 @@ class DirichletProblem:
         below = off >= 0
         band = np.zeros((width + 1, n))
         band[off[below], column[below]] = H.data[below]
-        # Coordinates that identify each null direction are fixed at zero, which costs no energy: as many as there are
-        # null directions, on which these are independent.
+        # One coordinate for each null direction is fixed at zero, which costs no energy. The coordinates are chosen
+        # such that the null directions are linearly independent on them.
         regularisation = np.zeros(n)
         if not self.unique:
             for rows, columns, block in parts(self.sparse_null_basis):

@@ -378,7 +378,7 @@ def load_plan(
             here and in `grid` are relative to the working directory and may lie anywhere.
         backend: 'physics' or 'ideal', in place of the study's.
         engine: Physics engine, in place of the study's.
-        batch: True for records of errors alone, on the fused engine, even if the study does not ask for them.
+        batch: True for records of errors alone, on the fused engine, even if the study has `batch: false`.
         measure: Error that plots show, in place of the study's.
         trajectories: True to keep result.nc of every run, even if the study does not.
         controller: Law in Python, FILE.py:NAME relative to the working directory, in place of the study's.

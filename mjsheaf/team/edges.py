@@ -292,25 +292,28 @@ def _vector(values: Sequence[float], name: str, length: int) -> Array:
     return np.array(values, dtype=np.float64)
 
 
-def require_ends(tail: str, head: str, roles: Mapping[str, str], wanted: tuple[str, str]) -> None:
-    """Raise an InputError that names an end of an edge if it is unknown, of the wrong role, or the same as the other.
+def require_ends(tail: str, head: str, roles: Mapping[str, str], required: tuple[str, str]) -> None:
+    """Require that the ends of an edge are known, differ, and have the right roles.
 
     Args:
-        tail, head: ids.
-        roles: 'agent' or 'target' of every member by id, and 'ground' of GROUND.
-        wanted: Expected role of tail and head.
+        tail, head: Ids of the ends.
+        roles: Role of every member by id, 'agent' or 'target', and 'ground' of GROUND.
+        required: Role of tail and head.
+
+    Raises:
+        InputError: They do not; the message names an end.
     """
-    for end, role in zip((tail, head), wanted, strict=True):
-        if end not in roles or (roles[end] != role and "ground" in wanted):
-            known = [i for i in roles if i != GROUND and roles[i] in wanted]
-            raise InputError(f"{'agent: ' if 'ground' in wanted else ''}unknown id {end!r}; {expected(end, known)}")
+    for end, role in zip((tail, head), required, strict=True):
+        if end not in roles or (roles[end] != role and "ground" in required):
+            known = [i for i in roles if i != GROUND and roles[i] in required]
+            raise InputError(f"{'agent: ' if 'ground' in required else ''}unknown id {end!r}; {expected(end, known)}")
     found = roles[tail], roles[head]
-    if found != wanted:
+    if found != required:
         words = [
             f"{end} is {'an' if role == 'agent' else 'a'} {role}" for end, role in zip((tail, head), found, strict=True)
         ]
-        swapped = f"; write [{head}, {tail}]" if found[::-1] == wanted else ""
-        raise InputError(f"[{tail}, {head}]: expected [{', '.join(wanted)}], but {' and '.join(words)}{swapped}")
+        swapped = f"; write [{head}, {tail}]" if found[::-1] == required else ""
+        raise InputError(f"[{tail}, {head}]: expected [{', '.join(required)}], but {' and '.join(words)}{swapped}")
     if tail == head:
         raise InputError(f"({tail}, {head}) is a loop; the ends of an edge must differ")
 

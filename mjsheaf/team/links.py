@@ -231,13 +231,13 @@ def whole_periods(seconds: float, period: float) -> int:
 
 @inline_jit
 def perceive(seed, link, n, draw, F, attitude, tail, y):
-    """Add the errors of a link's sensor to the measurement y of an edge, in place; a sensor has its branch here.
+    """Add the errors of a link's sensor to the measurement y of an edge, in place; each kind of sensor is a branch.
 
     Args:
         seed: Seed of the run.
         link: The link: the fields of its LinkModel, and its `stream` of random numbers.
         n: Number of the sample.
-        draw: Random numbers of that sample, of which the last three are free, (4,).
+        draw: Random numbers of that sample, (4,); the sensor may use the last three.
         F: Map F_tail, shape (m, 3).
         attitude: Attitudes of the vehicles, shape (V, 4), if a sensor needs them.
         tail: Number of the vehicle that measures.

@@ -426,8 +426,8 @@ class Team:
     def linearised_about(self, positions: Array) -> "Team":
         """Return the team linearised at q* of the targets in padded positions (V, 3), m, near the agents in them.
 
-        Its `dirichlet` and `law_problem` have the H of the law. If an edge does not fit at q*, that is not F^T K F,
-        which lacks the curvature of what the edge measures: `Edge.slope` then has the derivative of its pull.
+        Its `dirichlet` and `law_problem` have the H of the law. If an edge does not fit at q*, this differs from
+        F^T K F by the curvature of the measurement, and `Edge.slope` is the derivative of the edge's pull.
         """
         return self.linearised(self.at_rest(positions), of_law=True)
 
@@ -566,7 +566,7 @@ class Shapes:
 
     @cached_property
     def solver(self) -> StationarySolver:
-        """Solver with targets and ground held, from which each path has its own: it keeps what it last factored."""
+        """Solver with targets and ground held. Each path has a copy, because a solver stores its last factorisation."""
         return self._team.nonlinear_sheaf.solver([*self._team.target_ids, GROUND])
 
     def extend(self, p: Array, q: Array, path: Path, desired: Array | None = None) -> Array:
@@ -752,10 +752,10 @@ def null_mode_of(team: Team, values: Array, rows: IntArray | None = None) -> Nul
 
 
 def describe_nearly(team: Team, mode: NullMode, *, named: float = 0.5, along: float = 0.2) -> str:
-    """Who is nearly free along what, in a mode that edges and anchors notice little.
+    """Describe which agents are nearly free in which directions, in a mode that hardly affects edges and anchors.
 
-    Only agents that move at least `named` times as far as the one that moves furthest are named, and their directions
-    are rounded: to an axis where the sine of the angle to it is below `along`.
+    Only agents that move at least `named` times as far as the one that moves furthest are named. A direction is rounded
+    to an axis if the sine of the angle to it is below `along`.
     """
     far = np.linalg.norm(mode.steps, axis=1)
     much = far >= named * far.max()
@@ -766,7 +766,7 @@ def describe_nearly(team: Team, mode: NullMode, *, named: float = 0.5, along: fl
 
 
 def _in_few_directions(steps: Array, *, cosine: float = 0.94) -> Array:
-    """Unit steps, those that are close to one another, by the cosine of their angle, made equal."""
+    """Return unit steps; those with nearly equal directions, by the cosine of their angle, are made equal."""
     steps = steps / np.linalg.norm(steps, axis=1)[:, None]
     left = np.ones(len(steps), dtype=bool)
     while left.any():

@@ -355,26 +355,27 @@ class Shortfall(NamedTuple):
 
 
 def shortfalls_of(vehicle: Vehicle, *, falling: float = 0.25) -> list[Shortfall]:
-    """Find what a multirotor that leans cannot do of what its description asks, the gravest first.
+    """Find the demands of a multirotor's description that exceed its actuators, the most serious first.
 
-    Turning: a lean of theta_max asks its attitude loop for omega^2 theta_max, which few vehicles have. They need
-    far less. With saturated moments, the actuators switch between +a and -a (an angular acceleration), and the loop
-    through the lean has a limit cycle, by the describing function of a relay:
+    Turning: at a lean of theta_max the attitude loop commands an angular acceleration of omega^2 theta_max, which few
+    vehicles have. They need far less. With saturated moments, the actuators switch between angular accelerations of +a
+    and -a, and the loop through the lean has a limit cycle, by the describing function of a relay:
 
         amplitude  A = 4 a / (pi y),  y = Omega^2 the positive root of  T y^2 + (T d^2 - k_v) y - k_1 (k_v + d) d = 0
 
     with T = 2 zeta / omega - lag the lead of the attitude loop, k_v the rate of the autopilot, d = D / m, and k_1 =
     (k_v + d) / 4 for the law around it. (Without d, Omega^2 = k_v / T.) It is unstable: smaller oscillations decay,
-    larger ones grow until the vehicle turns over. So a vehicle needs a = pi y theta_max / 4, with which no lean that is
-    asked for is beyond A. In 84 simulated missions of drones of 25 kinds (omega 5 to 40 rad/s, lean 10 to 60 degrees,
+    larger ones grow until the vehicle turns over. So a vehicle needs a = pi y theta_max / 4; then no commanded lean is
+    beyond A. In 84 simulated missions of drones of 25 kinds (omega 5 to 40 rad/s, lean 10 to 60 degrees,
     k_v 0 to 6 1/s, zeta 0.5 to 1.5, lag 0 to 0.07 s, D / m 0.04 to 2 1/s) that follow a moving target, the largest a
     with which the drone falls is 0.13 to 0.93 times that with an autopilot and 0.24 to 1.5 times without one; in 75
-    it is 0.25 to 1 times. So less than a quarter falls, and in between it depends on how hard the mission leans. What
-    is available is the share of a turn that the allocation leaves within the limits of the actuators while they carry
-    the weight. Attitude loops that lag alone makes unstable (T <= 0) are not covered; their linear loop says so.
+    it is 0.25 to 1 times. So a vehicle with less than a quarter falls. With more, it depends on the leans of the
+    mission. The available acceleration is the fraction of a turn for which the allocation stays within the limits of
+    the actuators while they carry the weight. Attitude loops that are unstable because of lag alone (T <= 0) are not
+    covered; the analysis of the linear loop reports them.
 
-    Thrust: a lean of theta_max at constant height takes weight / cos(theta_max). A vehicle with less leans less,
-    and is slower, but does not fall: its force is scaled to its thrust.
+    Thrust: a lean of theta_max at constant height requires weight / cos(theta_max). A vehicle with less leans less and
+    is slower, but does not fall, because its force is scaled to its thrust.
 
     Args:
         vehicle: The vehicle.
@@ -394,7 +395,7 @@ def shortfalls_of(vehicle: Vehicle, *, falling: float = 0.25) -> list[Shortfall]
         sentence = (
             f"{vehicle.name} can turn by {available[axis]:.3g} rad/s^2 about its {axis} axis while it carries its "
             f"weight; attitude.frequency of {vehicle.hold.frequency:g} rad/s and a lean of {steering.largest_tilt:g} "
-            f"degrees ask for {asked:.3g} and need {needed:.3g} rad/s^2: {outcome}"
+            f"degrees command up to {asked:.3g} and need {needed:.3g} rad/s^2: {outcome}"
         )
         shortfalls.append(Shortfall(axis, needed, available[axis], falls, sentence))
     thrust, lift = steering.largest_thrust(vehicle), vehicle.weight / math.cos(tilt)

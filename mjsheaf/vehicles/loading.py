@@ -281,15 +281,15 @@ def propose_description(path: Path, name: str) -> str:
 
 
 def read_spec(path: Path) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
-    """Read a vehicle's file without what belongs to a scene.
+    """Read a vehicle's file without the parts that belong to a scene.
 
-    The body with the free joint is the vehicle, and everything else in the world is a scene. In a file without a free
-    joint, all bodies are the vehicle, and planes, height fields, and the lights and cameras of the world are a scene.
-    The free joint, the pose of the vehicle's body, sensors, keyframes and options are left out too. Gravity is not:
-    the bodies have the weight that they have in the file.
+    The body with the free joint is the vehicle, and everything else in the world is the scene. In a file without a free
+    joint, all bodies are the vehicle, and planes, height fields, and the lights and cameras of the world are the scene.
+    The free joint, the pose of the vehicle's body, sensors, keyframes and options are left out too. Gravity is kept, so
+    bodies have their weight in the file.
 
     Returns:
-        The specification, and the names of what is left out.
+        The specification, and the names of the parts that are left out.
 
     Raises:
         InputError: The file is not valid, or has something that changes a vehicle's motion and is not modelled; the

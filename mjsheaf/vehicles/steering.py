@@ -218,25 +218,25 @@ def drag_force(kind, s):
 
 
 @inline_jit
-def steer_hand_point(kind, s, omega, wanted, surge):
+def steer_hand_point(kind, s, omega, desired, surge):
     """Convert the force for a desired velocity into the wrench that the actuators should produce, at a hand point.
 
     Args:
         kind: Parameters of the vehicle's kind; see KIND.
         s, omega: Velocity through the medium and rates; see `Sensed`.
-        wanted: Desired velocity relative to the medium, body axes, (3,), m/s.
+        desired: Desired velocity relative to the medium, body axes, (3,), m/s.
         surge: Force ahead for that velocity, N.
 
     Returns:
         Surge force, N, and yaw moment, N m.
     """
-    aside = wanted[1]
-    if kind.forward_only and wanted[0] < 0.0:  # turn as for a command abeam
-        aside = np.copysign(np.sqrt(wanted[0] * wanted[0] + aside * aside), aside)
+    aside = desired[1]
+    if kind.forward_only and desired[0] < 0.0:  # turn as for a command abeam
+        aside = np.copysign(np.sqrt(desired[0] * desired[0] + aside * aside), aside)
     rate = (aside - s[1]) / kind.hand
     yaw = (kind.drag[5] + kind.quadratic[5] * abs(rate)) * rate + kind.gain[5] * (rate - omega[2])
     if kind.forward_only:
-        yaw = _turn_under_way(kind, s, wanted, surge, yaw)
+        yaw = _turn_under_way(kind, s, desired, surge, yaw)
     return surge, yaw
 
 
@@ -248,8 +248,8 @@ def steer_attitude(kind, heading, sensed, force, share, weight):
         kind: Parameters of the vehicle's kind; see KIND.
         heading: Cosine and sine of half the heading to hold, (2,).
         sensed: Measured state; see `Sensed`.
-        force: Force for the desired velocity, body axes, (3,), N; in world axes where thrust is pointed.
-        share: Share of the force that is within the limits of thrust, where it is pointed.
+        force: Force for the desired velocity, body axes, (3,), N; in world axes if thrust is pointed.
+        share: Fraction of the force that is within the limits of thrust, if thrust is pointed.
         weight: Force that carries the vehicle, body axes, (3,), N.
 
     Returns:
@@ -268,22 +268,23 @@ def steer_attitude(kind, heading, sensed, force, share, weight):
 
 
 @jit
-def _turn_under_way(kind, s, wanted, surge, yaw):
+def _turn_under_way(kind, s, desired, surge, yaw):
     """Limit a yaw moment according to the surge force that comes with it.
 
-    A boat that cannot back, and needs thrust to turn, must not exceed the desired speed, because it would circle near
-    its target. Below the speed for turning round, it turns only as much as the desired surge force allows, and drifts.
+    A boat that cannot reverse, and needs thrust to turn, must not exceed the desired speed, because it would circle
+    near its target. Below the speed for turning round, it turns only as much as the desired surge force allows, and
+    drifts.
 
     Args:
         kind: Parameters of the vehicle's kind; see KIND.
         s: Velocity through the medium, body axes, (3,), m/s.
-        wanted: Desired velocity through the medium, body axes, (3,), m/s.
+        desired: Desired velocity through the medium, body axes, (3,), m/s.
         surge: Desired surge force, N.
         yaw: Desired yaw moment, N m.
     """
     if kind.turning_price <= 0.0:
         return yaw
-    speed, least = np.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]), kind.turning_speed
+    speed, least = np.sqrt(desired[0] * desired[0] + desired[1] * desired[1]), kind.turning_speed
     worth = min(max(speed - least, 0.0) / least, 1.0) if least > 0.0 else 1.0
     free = (kind.drag[0] + kind.quadratic[0] * speed) * speed + kind.gain[0] * (speed - s[0])
     surge = max(surge, 0.0)

@@ -2,10 +2,10 @@
 
 Modules:
 
-- film: the content of a video, of a run or of two side by side, the viewer's options, and the content of each frame;
-- draw: the whole of it, film and model in, video file out;
-- camera, scene, overlay: where the camera is, vehicles, decoration and sea as pixels, what is written over them;
-- gl: which offscreen OpenGL works here.
+- film: the content of a video of one run or two side by side, the viewer's options, and the content of each frame;
+- draw: drawing of a video file from its content and the model;
+- camera, scene, overlay: position of the camera; pixels of vehicles, decoration and sea; curves and labels over them;
+- gl: choice of an offscreen OpenGL that works on this machine.
 """
 
 from mjsheaf.video.film import Film, VideoOptions

@@ -1,7 +1,7 @@
 """A camera path that keeps the whole team in the picture and moves slowly. Pure numpy.
 
 The camera looks in one direction throughout, and only its place changes. In the camera's own axes (x to the
-right, y up, z forward) and for an eye at e, a point is left of the picture's right-hand side when
+right, y up, z forward) and for an eye at e, a point is inside the right-hand side of the picture if
 
     x - e_x <= right (z - e_z),    that is    e_x - right e_z >= x - right z,
 

@@ -55,13 +55,13 @@ def draw_video(
 
     Raises:
         PlaceError: The file cannot be written, or its disk is full.
-        MjsheafError: no offscreen OpenGL works here (the message says what to install), or ffmpeg failed.
+        MjsheafError: No offscreen OpenGL works here (the message says what to install), or ffmpeg failed.
     """
     with ExitStack() as held:
         painters = []
         for k, (film, model) in enumerate(films):
-            beside = [other for other, _ in films[:k] + films[k + 1 :]]
-            painters.append(held.enter_context(Painter(film, model, options, beside)))
+            others = [other for other, _ in films[:k] + films[k + 1 :]]
+            painters.append(held.enter_context(Painter(film, model, options, others)))
         total = len(painters[0].times)
 
         def frames() -> Iterator[Callable[[], np.ndarray]]:
@@ -89,14 +89,17 @@ class Painter(AbstractContextManager["Painter"]):
         model, data: MuJoCo's model and data, used for drawing only.
     """
 
-    def __init__(self, film: Film, model: mujoco.MjModel, options: VideoOptions, beside: Sequence[Film] = ()) -> None:
-        """Set everything up; the model is not changed.
+    def __init__(self, film: Film, model: mujoco.MjModel, options: VideoOptions, others: Sequence[Film] = ()) -> None:
+        """Prepare the camera, the scene and the overlay; the model is not changed.
 
         Args:
-            beside: Other runs of the same length and number of vehicles, which the camera keeps in view too.
+            film: Content of the video.
+            model: Model of the arena and the vehicles.
+            options: Options of the video.
+            others: Other runs of the same length and number of vehicles, which the camera keeps in view too.
 
         Raises:
-            InputError: no offscreen OpenGL works here.
+            InputError: No offscreen OpenGL works here.
         """
         backend, reason = available_backend()
         if backend is None:
@@ -109,7 +112,7 @@ class Painter(AbstractContextManager["Painter"]):
         if film.seas:
             self.model.geom(film.surface).group = 5  # MuJoCo does not draw this group; waves are drawn in its place
         radius = float((film.radii * film.scales).max(initial=0.1))  # of the largest vehicle as it is drawn, m
-        films = [self._frames, *(Frames(other, options) for other in beside)]
+        films = [self._frames, *(Frames(other, options) for other in others)]
         self.camera = camera_path(
             (
                 np.concatenate([frames.followed(chunk) for frames in films], axis=1)

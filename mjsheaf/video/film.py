@@ -1,4 +1,4 @@
-"""Film of a run: its content, the viewer's options, and the content of each frame; of two runs side by side, too."""
+"""Content of a video of one run, or of two side by side: runs, the viewer's options, and the content of each frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ DRAFT_FPS = 15
 
 @dataclass(frozen=True, kw_only=True)
 class Film(Played):
-    """A run, ready to be filmed.
+    """A run with everything that its video needs.
 
     Attributes:
         subtitle: One line under the title, such as "physics, gain 10".

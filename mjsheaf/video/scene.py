@@ -47,7 +47,7 @@ SIZES = {
     "foot": 2.5,  # radius of the ball at the foot of a vertical line
     "halo": 11.0,  # radius about an agent that the safety filter restrains
     "head": 14.0,  # largest arrowhead of an edge
-    "shortest stem": 17.0,  # shortest vertical line
+    "shortest vertical": 17.0,  # shortest vertical line
 }
 """Sizes in pixels of a 1000x720 frame, at the team's centre."""
 
@@ -214,9 +214,9 @@ class Decorator:
         return Lines.of(places[away], moment.harmonic_extension[away], rgba, WIDTHS["goal"] * self._unit)
 
     def _stems(self, scene: mujoco.MjvScene, moment: Moment, size: float) -> Lines:
-        """Draw a line straight to the surface from what is off it: without it heights cannot be read."""
+        """Draw a vertical line to the surface from each vehicle off it, which shows its height."""
         level = self._film.surface_height
-        off = np.abs(moment.positions[:, 2] - level) > SIZES["shortest stem"] * size
+        off = np.abs(moment.positions[:, 2] - level) > SIZES["shortest vertical"] * size
         feet = moment.positions[off] * [1.0, 1.0, 0.0] + [0.0, 0.0, level]
         rgba = self._with_alpha(0.5)[off]
         _add_balls(scene, feet, SIZES["foot"] * size, rgba)

@@ -105,7 +105,7 @@ def test_the_whole_report_says_when_the_last_absent_agent_joins() -> None:
     scenario = mjsheaf.load_scenario("midpoint", {**fields, "targets": targets, "events": events})
     lines = page(examine_scenario(scenario).record)
     later = lines[lines.index("From 10 s on: join A2") :]
-    absent = later.index("absent  agents that are lost or have yet to join")
+    absent = later.index("absent  agents that are lost or have not joined yet")
     assert later[absent + 1].split() == ["null", "before:", "A2"]
     titles = [line for line in later if line.startswith("jump")]
     assert titles[0] == "jump  |q*_new - q*_old| at its start, of the agents present before and after, m"

@@ -1,16 +1,17 @@
 """The loop of the real vehicles, closed through the law, for small motions.
 
 Each vehicle is linearised about the equilibrium in which it holds station in the mean flow that it would meet (see
-`mjsheaf.loop.linear`), and all are closed through the law. Where every agent is the same vehicle in the same flow, the
-team falls apart into one small matrix for each eigenvalue of H, whatever its size; else the matrix is that of the whole
-team, up to LARGEST_WHOLE states that act on one another. Beyond that, vehicles whose responses to a command differ by
-2 % at most count as the same, and of others nothing is claimed.
+`mjsheaf.loop.linear`), and the law closes the loop of all. If every agent is the same vehicle in the same flow, the
+loop of a team of any size decouples into one small matrix for each eigenvalue of H. Otherwise the matrix is that of the
+whole team, up to LARGEST_WHOLE coupled states. Beyond that, vehicles whose responses to a command differ by at most 2 %
+are treated as equal; if they differ by more, the loop is undecided.
 
-Measurements that are all some periods old are positions that vehicles show late (see `held_law.delayed`). With
-delays of some edges alone, or losses, nothing is claimed.
+If all measurements have the same delay, it is modelled as a delay of the vehicles' positions (see `held_law.delayed`).
+With unequal delays or with losses, the loop is undecided.
 
-In large motions thrusters meet their limits. The loop leaves out how the flow changes along the way, and the targets;
-so feedforward and the drift's observer, which see no error, do not show in it.
+The model does not hold for large motions, in which thrusters saturate. It leaves out the change of the flow along the
+path, and the targets. Feedforward and the observer of the medium velocity do not depend on the error, so they do not
+appear in it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -51,7 +52,7 @@ from mjsheaf.vehicles.effects import hold_station, is_one_sided, turning_of
 
 
 def period_of_law(system: System) -> float:
-    """Return the time between evaluations of the law, s: a physics step where it is continuous.
+    """Return the time between evaluations of the law, s: a physics step if it is continuous.
 
     Raises:
         InputError: The timestep does not divide the control period.
@@ -72,9 +73,10 @@ def linear_vehicles(
     *,
     most_points: int = 200,
 ) -> list[LinearVehicle]:
-    """Return the linear vehicle of each of some vehicles of a system; those that are alike share one.
+    """Return the linear model of some vehicles of a system; equal vehicles share one.
 
-    Of many vehicles those that meet the extremes of the flow are linearised, and stand for all if they behave alike.
+    If there are many vehicles, only those at the extremes of the flow are linearised. They represent all if their
+    responses are nearly equal.
 
     Args:
         system: The system.
@@ -83,12 +85,12 @@ def linear_vehicles(
         most_points: Largest number of vehicles that are linearised one by one.
 
     Raises:
-        UndecidedError: One has none, they do not behave alike, or a step is not finite.
+        UndecidedError: A vehicle has no linear model, the responses are too different, or a step is not finite.
     """
     if not np.isfinite(medium).all():
         raise UndecidedError("the mean flow along q* is not known")
     names = [system.team.members[v].id for v in numbers]
-    # By number of the vehicle, and medium and heading in which it holds its place.
+    # Keys identify the vehicle's model, and the medium, heading and wind in which it holds its place.
     points = dict[tuple[int, bytes], HeldPoint]()
     keys = []
     for v, name, met in zip(numbers, names, medium, strict=True):
@@ -131,12 +133,12 @@ def _require_linear(
     model: LinearVehicle | str,
     *,
     still: float = 1e-3,  # m/s: a slower medium is at rest
-    way: float = 1.5,  # over the speed from which a boat that cannot go astern turns round: it then has a model
+    way: float = 1.5,  # over the speed above which a boat that cannot reverse turns round; above it there is a model
 ) -> LinearVehicle:
     """Return the linear vehicle of a member about a point.
 
     Raises:
-        UndecidedError: It has none; the model then says why.
+        UndecidedError: There is none; `model` is then the reason.
     """
     speed = float(np.linalg.norm(point.medium))
     if isinstance(model, str):
@@ -161,11 +163,11 @@ def _held_point(
     number: int,
     medium: Array,
     *,
-    time_constants: float = 3.0,  # l / |w| of turning into the current, that a run must last to turn a boat
+    time_constants: float = 3.0,  # length of a run that turns a boat into the current, over the time constant l / |w|
 ) -> HeldPoint:
-    """Return where a vehicle holds its place; one that holds no heading turns into the current if the run lasts.
+    """Return the point that a vehicle holds; a boat without heading hold turns into the current if the run is long.
 
-    In wind, it turns until nothing pushes it abeam.
+    In wind, it turns until there is no lateral force.
     """
     vehicle, heading, wind = system.vehicles[number], float(system.bodies.heading[number]), system.mean_wind[number]
     if wind.any():
@@ -186,7 +188,7 @@ def response_of(
     *,
     span: float = 10.0,  # s, over which responses are compared
 ) -> Array:
-    """Positions after a step of the command, less what an ideal vehicle makes, shape (T, n, n), m per m/s."""
+    """Return positions after a step of the command, minus those of an ideal vehicle, shape (T, n, n), m per m/s."""
     s, n = model.B.shape
     count = int(np.clip(span / period, 20, 400))
     stride = max(1, round(span / period / count))
@@ -199,7 +201,7 @@ def response_of(
 
 
 def difference_of(one: Array, other: Array) -> float:
-    """Largest difference of two responses, as a share of the larger of them."""
+    """Return the largest difference of two responses, as a fraction of the larger of them."""
     return float(np.abs(one - other).max() / max(np.abs(one).max(), np.abs(other).max()))
 
 
@@ -207,7 +209,7 @@ def are_alike(
     models: list[LinearVehicle],
     period: float,
     *,
-    difference: float = 0.02,  # largest difference between representatives of a large team, of a vehicle's response
+    difference: float = 0.02,  # largest difference, as a fraction of a vehicle's response
 ) -> bool:
     """Return True if vehicles respond to a command in nearly the same way."""
     first = response_of(models[0], period)
@@ -216,9 +218,9 @@ def are_alike(
 
 
 def medium_on_path(system: System, path: TargetPath) -> Array:
-    """Return the mean velocity of the medium along the targets' path, see `mean_medium`; NaN where none is known.
+    """Return the mean velocity of the medium along the targets' path, see `mean_medium`; NaN if it is not known.
 
-    Under gusts, which leave no certain path, it is that of targets that stay where they begin.
+    Under gusts the path is not known, and targets are assumed to stay at their initial positions.
     """
     gusts = not np.isfinite(system.moving_bounds.speed).all()
     known = (path.cells is not None or gusts) and targets_loop(system).stable
@@ -232,9 +234,9 @@ def mean_medium(
     *,
     most_samples: int = 200,  # of the path, for the mean flow
 ) -> Array:
-    """Mean velocity of the medium relative to each agent's q*, along its path, shape (N, 3), m/s; no disturbance.
+    """Return the mean velocity of the medium relative to each agent's q* along its path, shape (N, 3), m/s.
 
-    The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
+    Disturbances are left out. The path is the stacked harmonic extension (T, n_q), m, at times (T,), s.
     """
     some = slice(None, None, max(1, len(q_star) // most_samples))
     w = agent_flow(system, q_star[some]) + agent_motion(system, time[some], q_star[some], WITHOUT_MEAN)
@@ -246,12 +248,12 @@ def mean_medium(
 
 
 LARGEST_WHOLE = 400
-"""Largest number of states that act on one another for which the matrix of a team of unlike vehicles is solved."""
+"""Largest number of coupled states for which the matrix of a team of different vehicles is solved."""
 
 NEUTRAL_RATE = 1e-5
-"""1/s: rates below it are the rounding of neutral directions."""
+"""Rate below which a direction is neutral up to rounding, 1/s."""
 
-_SHOWN = 0.2  # part of a displacement that a mode must carry for its damping to count
+_SHOWN = 0.2  # fraction of a displacement that a mode must have for its damping to count
 
 Obstacle = Literal["", "overpowered", "no model"]
 """What keeps a vehicle from having a loop: see `BodyLoop`."""
@@ -260,28 +262,30 @@ Obstacle = Literal["", "overpowered", "no model"]
 class Swing(Record):
     """A mode of the real vehicles' loop; s is the logarithm of its factor over a period."""
 
-    damping: float = Field(description="damping ratio -Re s / |s|; negative where the mode grows")
+    damping: float = Field(description="damping ratio -Re s / |s|; negative if the mode grows")
     frequency: float = Field(description="natural frequency |s|, rad/s")
-    agent: str | None = Field(description="the agent that moves most in it; null where that is not known")
+    agent: str | None = Field(description="agent that moves most in it; null if that is not known")
 
 
 class BodyLoop(Record):
     """The loop of the real vehicles, for small motions: inertia, attitude, thruster lag, hold, in the mean flow."""
 
-    stable: bool | None = Field(description="whether every mode decays, but for what is free; null: see reason")
+    stable: bool | None = Field(description="whether every mode decays, except for free motions; null: see reason")
     spectral_radius: float | None = Field(
         description="largest factor by which a mode that moves a position grows from one evaluation of the law to the "
-        "next; below 1 it is stable; null where undecided"
+        "next; below 1 it is stable; null if undecided"
     )
-    period: float = Field(description="between evaluations of the law, s: the physics step where the law is continuous")
-    largest_gain: float | None = Field(description="from which on a mode grows, 1/s; null: undecided, or none found")
-    least_damped: Swing | None = Field(description="the mode with the smallest damping ratio; null where undecided")
+    period: float = Field(description="time between evaluations of the law, s: a physics step if the law is continuous")
+    largest_gain: float | None = Field(description="gain above which a mode grows, 1/s; null: undecided, or none found")
+    least_damped: Swing | None = Field(description="mode with the smallest damping ratio; null if undecided")
     reason: str = Field(description="why it is undecided, or empty")
     obstacle: Obstacle = Field(
-        "", description="undecided as an agent cannot hold its place in the mean flow, or has no linear model; or empty"
+        "",
+        description="undecided because an agent cannot hold its place in the mean flow (`overpowered`) or has no "
+        "linear model (`no model`); else empty",
     )
     stable_over_exact_links: bool | None = Field(
-        None, description="the same if nothing is delayed or lost; null where that makes no difference, or is undecided"
+        None, description="`stable` without delays and losses; null if that makes no difference, or is undecided"
     )
 
     def verdict(self) -> str:
@@ -295,12 +299,12 @@ class BodyLoop(Record):
 
 
 def held_modes(system: System, spectrum: Spectrum) -> tuple[Array, Array]:
-    """Eigenvalues of H other than zero, ascending, and their vectors, shape (n, m)."""
+    """Return the eigenvalues of H other than zero, ascending, and their vectors, shape (n, m)."""
     values, vectors = system.team.dirichlet.eigenvectors
     return np.maximum(values[spectrum.nullity :], spectrum.smallest[0]), vectors[:, spectrum.nullity :]
 
 
-_OF_LOOP = ("stable", "spectral_radius", "largest_gain", "least_damped")  # null where the loop is undecided
+_OF_LOOP = ("stable", "spectral_radius", "largest_gain", "least_damped")  # null if the loop is undecided
 _OBSTACLES: dict[type[Exception], Obstacle] = {OverpoweredError: "overpowered", NoModelError: "no model"}
 
 
@@ -308,11 +312,11 @@ class Modes(NamedTuple):
     """Modes of the closed loop.
 
     Attributes:
-        factor: growth over a period, complex, shape (k,).
-        agent: number of the agent that moves most, -1 where unknown, shape (k,).
-        moves: True where positions take part, shape (k,).
-        shown: How far positions displaced by 1 m move in the mode, shape (k,), m.
-        sure: True where it belongs to an eigenvalue that H surely has, shape (k,).
+        factor: Growth over a period, complex, shape (k,).
+        agent: Number of the agent that moves most, -1 if unknown, shape (k,).
+        moves: True for modes that move positions, shape (k,).
+        shown: Size of the motion in the mode after a displacement of 1 m, shape (k,), m.
+        sure: True for modes of an eigenvalue that H is known to have, shape (k,).
     """
 
     factor: NDArray[np.complex128]
@@ -329,9 +333,9 @@ class Modes(NamedTuple):
     def least_damped(self) -> tuple[int, float, float]:
         """Return the number of the mode with the smallest damping ratio, that ratio, and |s| over a period.
 
-        Where none grows, those count that carry a good part of a displacement. A hull's own rolling shows in positions
-        a little and is hardly damped; what is under way over links that delay rings within a few periods. In the
-        positions of a run neither is seen.
+        If no mode grows, only modes with a sufficient part of a displacement count. The rolling of a hull is lightly
+        damped but hardly moves its position, and messages in transit make modes of a few periods. Neither is visible in
+        the positions of a run.
         """
         s = np.log(np.where(self.factor != 0.0, self.factor, 1e-300))
         size = np.maximum(np.abs(s), 1e-300)
@@ -343,16 +347,16 @@ class Modes(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Part of a team's loop on which nothing else acts: alike vehicles at L eigenvalues of H, or unlike ones together.
+    """Decoupled part of a team's loop: equal vehicles at L eigenvalues of H, or different vehicles together.
 
     Attributes:
         plant: The vehicles, over a period.
         law: The law that closes the loop at a gain, 1/s; it has a matrix for each of the L eigenvalues, or one.
-        agent: Number of the agent that moves most at each eigenvalue, -1 where the value need not be one, shape (L,).
-        places: Coordinates of all agents from positions of the plant, shape (n, k), of unlike vehicles.
+        agent: Number of the agent that moves most at each eigenvalue, -1 for a sampled value, shape (L,).
+        places: Map from positions of the plant to coordinates of all agents, shape (n, k), for different vehicles.
         owner: Agent of each of these coordinates, shape (n,).
-        sets: States that act on one another, of unlike vehicles. The matrix is block triangular over them, so that
-            their own blocks have all its eigenvalues.
+        sets: Sets of coupled states, for different vehicles. The matrix is block triangular over them, so its
+            eigenvalues are those of the diagonal blocks.
     """
 
     plant: LinearVehicle
@@ -363,7 +367,7 @@ class Block(NamedTuple):
     sets: Sequence[IntArray | slice] = (slice(None),)
 
     def matrices(self, gain: float) -> Iterator[tuple[IntArray, Array]]:
-        """Return numbers of states that act on one another and their matrices, shape (..., k, k), at a gain."""
+        """Yield the numbers of coupled states and their matrices, shape (..., k, k), at a gain, 1/s."""
         M = closed(self.plant, self.law(gain))
         for chosen in self.sets:
             yield np.arange(M.shape[-1])[chosen], M[..., chosen, :][..., chosen]
@@ -372,9 +376,9 @@ class Block(NamedTuple):
         self,
         gain: float,
         *,
-        least: float = 1e-6,  # m for 1 rad or 1 m/s of a mode: positions that move less do not take part in it
+        least: float = 1e-6,  # m for 1 rad or 1 m/s of a mode: a smaller motion of positions is not counted
     ) -> Iterator[Modes]:
-        """Find all modes, or those at the sampled eigenvalues."""
+        """Yield all modes, or those at the sampled eigenvalues."""
         for chosen, M in self.matrices(gain):
             factors, vectors = np.linalg.eig(M)
             held = chosen[chosen < len(self.plant.C)]
@@ -392,7 +396,7 @@ class Block(NamedTuple):
             )
 
     def growth(self, gain: float) -> float:
-        """Return the growth over a period of the fastest growing mode."""
+        """Return the growth factor over a period of the fastest growing mode at a gain, 1/s."""
         return float(np.log(max(np.abs(np.linalg.eigvals(M)).max() for _, M in self.matrices(gain))))
 
 
@@ -400,7 +404,7 @@ class TeamLoop(NamedTuple):
     """The closed loop of a team.
 
     Attributes:
-        blocks: Blocks into which it falls apart.
+        blocks: Decoupled parts.
         period: Time between evaluations of the law, s.
     """
 
@@ -409,7 +413,7 @@ class TeamLoop(NamedTuple):
 
     @property
     def neutral(self) -> float:
-        """Growth over a period that counts as none."""
+        """Growth factor over a period up to which a mode counts as neutral."""
         return NEUTRAL_RATE * self.period
 
     def modes(self, gain: float) -> Modes:
@@ -420,7 +424,7 @@ class TeamLoop(NamedTuple):
         return Modes(*(x[counts] for x in every))
 
     def is_stable(self, modes: Modes) -> bool | None:
-        """Return True if modes decay; None if only those do not whose eigenvalues H need not have."""
+        """Return True if modes decay; None if the only growing modes belong to eigenvalues that H may not have."""
         grows = ~(np.hypot(modes.factor.real, modes.factor.imag) < np.exp(self.neutral))
         if not grows.any():
             return True
@@ -434,9 +438,9 @@ class TeamLoop(NamedTuple):
         accuracy: float = 1e-3,  # relative, of the largest gain
         doublings: int = 40,
     ) -> float | None:
-        """Find the gain from which on a mode grows: the next above a stable gain, or below an unstable one, 1/s.
+        """Find the gain, 1/s, at which a mode begins to grow: the next above a stable gain, or below an unstable one.
 
-        With `least_damping`, it is the gain from which on the damping ratio of a mode is smaller.
+        With `least_damping`, it is the gain above which a mode has a smaller damping ratio.
         """
 
         def rings(k: float) -> bool:
@@ -461,10 +465,14 @@ class TeamLoop(NamedTuple):
 def body_loop(
     system: System, spectrum: Spectrum, medium: Array, *, gain: bool = True, least_damping: float | None = None
 ) -> BodyLoop:
-    """Close the loop of the team's vehicles in the medium that agents meet, shape (N, 3), m/s: see `mean_medium`.
+    """Analyse the loop of the team's vehicles.
 
-    Unless `gain`, it does not look for the largest. With `least_damping`, that is the largest at which every mode has
-    this damping ratio; see `TeamLoop.largest_gain`.
+    Args:
+        system: The system.
+        spectrum: Spectrum of H.
+        medium: Velocity of the medium relative to each agent's place, shape (N, 3), m/s; see `mean_medium`.
+        gain: True to find the largest gain.
+        least_damping: Damping ratio that every mode keeps up to the largest gain; see `TeamLoop.largest_gain`.
     """
     period = system.grid.period
     lost = UNKNOWN_ROUNDS if system.law.terms.rounds.imperfect else ""
@@ -473,7 +481,7 @@ def body_loop(
         or system.law.links.table["lossy"].any()
         or np.isfinite(system.law.links.table["range"]).any()
     ):
-        lost = "measurements are delayed or lost"  # the loop would have to remember what is under way
+        lost = "measurements are delayed or lost"  # the loop would need states for messages in transit
     try:
         period = period_of_law(system)
         require_model(system)
@@ -521,7 +529,7 @@ def body_loop(
 
 
 def loop_in_run(system: System, data: xr.Dataset, *, gain: bool = True, least_damping: float | None = None) -> BodyLoop:
-    """The loop in the mean flow along q* in the data of a run under a system."""
+    """Analyse the loop in the mean flow along q* in the data of a run under a system; see `body_loop`."""
     time = data["time"].values
     path = np.nan_to_num(data["harmonic_extension"].values).reshape(len(time), -1)
     return body_loop(
@@ -538,7 +546,7 @@ def ending_of_run(
 ) -> Ending | None:
     """Judge the end of a run, as `ending_of_motion`; a team whose loop is unstable has not settled.
 
-    Where something drives a team, its motion alone does not tell a forced oscillation from the team's own.
+    The motion of a driven team alone does not distinguish forced oscillations from those of an unstable loop.
     """
     ending = ending_of_motion(run, dataset, stuck)
     if ending != "settled" or "controller" in dataset.attrs:
@@ -557,15 +565,15 @@ def ending_of_run(
 
 
 def loop_on_path(system: System, certificate: Certificate) -> BodyLoop:
-    """The loop in the mean flow along the targets' path."""
+    """Analyse the loop in the mean flow along the targets' path; see `body_loop`."""
     return body_loop(system, certificate.spectrum, medium_on_path(system, certificate.constants.path))
 
 
 def _close(system: System, spectrum: Spectrum, models: list[LinearVehicle], period: float) -> TeamLoop:
-    """The loop of the team, apart by modes of H where that is exact.
+    """Return the loop of the team, decoupled by modes of H if that is exact.
 
     Raises:
-        UndecidedError: it is too large.
+        UndecidedError: It is too large.
     """
     kinds = list({id(model): model for model in models}.values())
     if len(kinds) > 1:
@@ -585,12 +593,12 @@ def _parts(
     model: LinearVehicle,
     period: float,
     *,
-    negligible: float = 1e-3,  # of a vehicle's response, across axes or in difference between axes, that is neglected
+    negligible: float = 1e-3,  # neglected fraction of a response, across axes or between them
 ) -> list[Block]:
-    """The blocks of a team of alike vehicles; none where they do not fall apart.
+    """Return the blocks of a team of equal vehicles; none if they do not decouple.
 
-    Axes that neither the vehicle nor H couples are apart. Within one part, H is the same along all axes and does not
-    couple them; or the vehicle is and does not.
+    Axes that neither the vehicle nor H couples are separate parts. In a part, either H is the same along all axes and
+    does not couple them, or the vehicle's response is.
     """
     H = sparse.csr_array(system.team.dirichlet.H)
     law = model_of(system.law, system.grid.period)
@@ -626,7 +634,7 @@ def _parts(
 
 
 def _closer(law: LawModel, values: Array, axes: int) -> Callable[[float], LinearController]:
-    """Return the law of alike vehicles at eigenvalues of H, by gain; see `Block`."""
+    """Return the law of equal vehicles at eigenvalues of H, by gain; see `Block`."""
     return lambda gain: law.feedback(gain, values).alike(axes)
 
 
@@ -636,10 +644,10 @@ def _couples(coupling: BoolArray, axes: IntArray) -> bool:
 
 
 def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[Array, IntArray]:
-    """Return eigenvalues above zero, ascending, and agents as in `Block`, of a part of H whose rows belong to `agents`.
+    """Return eigenvalues above zero, ascending, and agents as in `Block`, for a part of H whose rows are of `agents`.
 
-    Of a large part, values sample the interval that holds them; the largest is exact. `least` is the smallest
-    eigenvalue of all H above zero.
+    For a large part, the values sample the interval that contains the eigenvalues, and only the largest is exact.
+    `least` is the smallest eigenvalue above zero of the whole H.
     """
     if H.shape[0] <= DENSE_STATES:
         values, vectors = np.linalg.eigh(H.toarray())
@@ -651,7 +659,7 @@ def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[A
 
 
 def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> Block:
-    """The loop of a whole team of unlike vehicles, on what H holds.
+    """Return the loop of a whole team of different vehicles, in the range of H.
 
     Raises:
         UndecidedError: It is too large.
@@ -674,7 +682,7 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
 def joined(
     models: Sequence[LinearVehicle], law: Callable[[float], LinearController], Q: Array, owner: IntArray
 ) -> Block:
-    """Return the loop of unlike vehicles together.
+    """Return the loop of different vehicles together.
 
     Args:
         models: Linear vehicle of each.
@@ -683,7 +691,7 @@ def joined(
         owner: Vehicle of each of n coordinates, shape (n,).
 
     Raises:
-        UndecidedError: More than LARGEST_WHOLE states act on one another.
+        UndecidedError: More than LARGEST_WHOLE states are coupled.
     """
     A, B, C, D = (linalg.block_diag(*matrices) for matrices in zip(*models, strict=True))
     plant = LinearVehicle(A, B, Q.T @ C, Q.T @ D)
@@ -710,14 +718,14 @@ def joined(
 
 @one_thread
 def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsLoop:
-    """Return the loop with what the targets' vehicles make of it, in the mean flow along their path."""
+    """Return the loop with the result for the targets' vehicles, in the mean flow along their path."""
     if not (loop.rate > 0.0 and system.team.targets):
         return loop
     S = stiffness(system).toarray()
     owner = np.repeat(np.arange(len(system.team.targets)), [target.dimension for target in system.team.targets])
     try:
         # The mean velocity of the medium relative to each target's path, shape (M, 3), m/s. If the path is unknown or
-        # diverges, it is that where the target begins.
+        # diverges, it is that at the target's initial position.
         N = len(system.team.agents)
         bounded = path.cells is not None and targets_loop(system).stable
         positions = path.positions[:, N:] if bounded else system.initial[None, N:]

@@ -1,38 +1,39 @@
-"""The held law on ideal kinematics, per eigenvalue of H: its loop, the gains that hold it stable, and a bound on a run.
+"""The held law on ideal kinematics, per eigenvalue of H: its loop, its stable gains, and a bound on a run.
 
-A loop is closed in one place, `closed`: vehicles, linearised over a period, around a law, which is linear too. Ideal
-agents are vehicles whose position moves as commanded (`ideal_vehicle`). Vehicles whose position is measured some
-periods late are vehicles with more states (`delayed`).
+Loops are closed in one place, `closed`: linear models of vehicles over a period, with a linear law. Ideal agents are
+vehicles whose position moves as commanded (`ideal_vehicle`). A delay of measured positions adds states to the vehicle
+(`delayed`).
 
-In each eigenvector of H the law is the linear filter that `linear_law` reads off it, so that with e = q* - q, the
-errors of one mode, and x, what the law remembers of them,
+In each eigenvector of H the law is a linear filter, which `linear_law` computes. With e = q* - q, the error of one
+mode, and x, the state of the law,
 
     u_k = d e_{k-j} + c x_k,    x_{k+1} = A x_k + b e_{k-j},    e_{k+1} = e_k + h u_k
 
-with measurements j periods old. A measurement that is j periods old is met by odometry of the same age, so that what
-feedforward and the drift's observer make of motion cancels: they carry noise into the loop, and nothing back.
+for measurements that are j periods old. Such a measurement is combined with odometry of the same age, so the responses
+of feedforward and the observer to the motion cancel: they bring noise into the loop, but no feedback.
 
-The bound on a run is about the same loop, driven along the targets' path.
+The bound on a run is that of the same loop, driven along the targets' path.
 
-With one gain for all, every term is a polynomial in H, and under a hold h the team falls apart into one small matrix
-for each eigenvalue lambda. With e = q* - q, W and F the means over a period of q*' and of what carries the agents,
+With one gain for all, every term is a polynomial in H, and under a hold h the team decouples into one small matrix for
+each eigenvalue lambda. With e = q* - q, W and F the means over a period of q*' and of the medium's velocity at agents,
 
     s_k = alpha e_k + c s_{k-1}        newton: delta, c = T_r(..) as its rounds contract, alpha = 1 - c;
                                        without it s = lambda e: alpha = lambda, c = 0
     e_{k+1} = e_k - h (k1 s_k - k_I z_k) + h d_k,    z_{k+1} = z_k - h lambda e_k,    d_k = W_k - v_k - (F_k - phi_k)
 
-is exact on ideal kinematics while no command is clipped. Feedforward v and the drift's observer phi do not depend on e
-and stand in d. So with x = (e, s, z), x+ = M x + h g d, and in 2-norms over the team
+is exact on ideal kinematics while no command is limited. Feedforward v and the observer's estimate phi do not depend on
+e and are part of d. So with x = (e, s, z), x+ = M x + h g d, and in 2-norms over the team
 
     |e_k| <= max |(M^k)_ee| |e_0| + h sum_j max |(M^j g)_e| |d_{k-1-j}|,    max over the eigenvalues.
 
-The known part of d along the targets' path is computed: the path is independent of agents, the disturbances are drawn.
-The rest is bounded: q* by the path's error, the flow between two samples and at q instead of q* by its slope over
-balls that hold both, odometry by its largest errors. The slope is not in M; it adds at most rho_k |e| to |F_k|, which
-needs a bound on |e| itself. One comes from the largest speed of the flow, |f(q) - f(q*)| <= 2 sup |f|, or else, where a
-field is unbounded, from a radius that the bound made with it does not reach: before a first instant at which |e| comes
-to it, the bound holds, so there is none. From any bound, valid at all times of the run, a better one follows in the
-same way: the bounds of the rounds fall, and each is valid.
+The known part of d along the targets' path is computed, because the path does not depend on agents, and disturbances
+follow from the seed. The rest is bounded: q* by the error of the path, the flow between two samples and at q instead of
+q* by its slope over balls that contain both points, odometry by its largest errors. The slope is not in M. It adds at
+most rho_k |e| to |F_k|, which needs a bound on |e| itself. If the field is bounded, one follows from the largest speed
+of the flow, |f(q) - f(q*)| <= 2 sup |f|. Otherwise, a radius is assumed that the bound computed with it does not reach:
+up to the first instant at which |e| reached it, the bound would hold, so there is no such instant. From any bound that
+is valid at all times of the run, a better one follows in the same way, so the bounds of successive rounds decrease, and
+each is valid.
 """
 
 import itertools
@@ -69,16 +70,16 @@ from mjsheaf.noise import LARGEST_NORMAL
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record, per_agent
 
 _ROUNDING = 1e-9  # relative, of sums and eigenvalues
-_SUMMED = 1e-7  # of a sum of responses: what the rest may be
-_DOUBLINGS, _MOST_BLOCKS = 8, 8000  # of powers of the loop that are found at a time, and how often
+_SUMMED = 1e-7  # largest remainder, as a fraction of a sum of responses
+_DOUBLINGS, _MOST_BLOCKS = 8, 8000  # doublings in a block of powers of the loop, and largest number of blocks
 _BLOCK = 2**_DOUBLINGS
 
 
 def closed(plant: LinearVehicle, law: LinearController) -> NDArray[Any]:
-    """Close a law's loop around vehicles: on their positions, their states, and what the law remembers.
+    """Return the closed loop of a law and vehicles, on their positions p, their states x, and the state z of the law.
 
-    p' = p + C x + D u and x' = A x + B u are the vehicles, u = D_l p + C_l z and z' = A_l z + B_l p is the law. Where
-    the law has a matrix for each of L eigenvalues, so has the loop.
+    The vehicles are p' = p + C x + D u and x' = A x + B u, the law is u = D_l p + C_l z and z' = A_l z + B_l p. If the
+    law has a matrix for each of L eigenvalues, so has the loop.
     """
     k, s, r = len(plant.C), len(plant.A), law.A.shape[-1]
     push = np.vstack([plant.D, plant.B])
@@ -94,10 +95,7 @@ def closed(plant: LinearVehicle, law: LinearController) -> NDArray[Any]:
 
 
 def driven(plant: LinearVehicle, law: LinearController) -> LinearController:
-    """Close a law's loop, driven by the inputs that the law has beyond the positions; its output is the command.
-
-    Its states are those of `closed`.
-    """
+    """Return the closed loop from the inputs of the law other than positions to the command; states as in `closed`."""
     k = len(plant.C)
     of_positions, of_inputs = law.D[..., :k], law.D[..., k:]
     return LinearController(
@@ -130,7 +128,7 @@ def ideal_vehicle(period: float, axes: int = 1) -> LinearVehicle:
 
 
 def largest_gain(values: NDArray[Any], period: float, delay: int = 0) -> float | None:
-    """Return the gain from which on the paper's held law is unstable, 1/s; None if it is at any gain.
+    """Return the gain above which the paper's held law is unstable, 1/s; None if it is unstable at any gain.
 
     With k1 h |lambda| = 2 sin(theta / 2), see `largest_delay`, that is min 2 sin(theta / 2) / (h |lambda|), which is
     2 min Re(lambda) / (h |lambda|^2) without delay.
@@ -148,11 +146,11 @@ def largest_gain(values: NDArray[Any], period: float, delay: int = 0) -> float |
 
 @dataclass(frozen=True)
 class Loop:
-    """The loop of an ideal agent per eigenvalue of H, on the error and what the law remembers of it.
+    """The loop of an ideal agent per eigenvalue of H, on the error and the state of the law.
 
     Attributes:
         model: Linear model of the law.
-        values: Eigenvalues of H above zero, shape (L,); complex where H is not symmetric.
+        values: Eigenvalues of H above zero, shape (L,); complex if H is not symmetric.
         gain: k1, 1/s.
         period: h, s.
     """
@@ -174,7 +172,7 @@ class Loop:
 
     @cached_property
     def is_papers(self) -> bool:
-        """Return True if errors meet the paper's law, whatever terms add to it."""
+        """Return True if the feedback from the error is the paper's law; other terms may add to it."""
         papers = -self.gain * self.values
         alike = np.allclose(
             self.feedback.D[:, 0], papers, rtol=_ROUNDING, atol=_ROUNDING * np.abs(papers).max(initial=0.0)
@@ -182,15 +180,15 @@ class Loop:
         return alike and not self.feedback.C.shape[1]
 
     def matrices(self, gain: float | None = None, delay: int = 0) -> NDArray[Any]:
-        """Return M at a gain, shape (L, 1 + delay + r, 1 + delay + r), with measurements some periods old.
+        """Return M at a gain, shape (L, 1 + delay + r, 1 + delay + r), with measurements `delay` periods old.
 
-        It acts on e as it is measured, what is not measured yet of its last motions, and x.
+        Its states are the measured e, the last motions that are not measured yet, and x.
         """
         feedback = self.feedback if gain is None else self.model.feedback(gain, self.values)
         return closed(delayed(ideal_vehicle(self.period), delay), feedback.alike(1))
 
     def radius_at(self, delay: int) -> float:
-        """Return the largest spectral radius of what errors excite, with measurements some periods old."""
+        """Return the largest spectral radius of the modes that errors excite, with measurements `delay` periods old."""
         return float(np.abs(np.linalg.eigvals(self.matrices(delay=delay))).max())
 
     @cached_property
@@ -200,9 +198,9 @@ class Loop:
 
     @cached_property
     def stable_gains(self) -> tuple[float, float] | None:
-        """Gains that hold every mode stable, about the present one or else the nearest, 1/s.
+        """Interval of gains at which every mode is stable, 1/s: the one with the present gain, or else the nearest.
 
-        None if there are none, if the command is not affine in the gain, and with terms where H is not symmetric.
+        None if there is none, if the command is not affine in the gain, or with terms if H is not symmetric.
         """
         if self.model.plain:
             largest = largest_gain(self.values, self.period)
@@ -229,9 +227,9 @@ class Loop:
         M: Array,
         change: Array,
         *,
-        no_gain: float = 1e-12,  # times the period: a gain below it is rounding, and one over its inverse
+        no_gain: float = 1e-12,  # a gain times the period that is below it, or above its inverse, is rounding
     ) -> tuple[Array, Array]:
-        """Find the gains k between which M + k change is stable: where they begin and end, ascending.
+        """Find the intervals of gains k in which M + k change is stable: their lower and upper ends, ascending.
 
         Only the first row of `change` is not zero, so that the characteristic polynomial is a(z) + k b(z). A root
         passes the unit circle only at a gain -a(z) / b(z) with z on it, where the imaginary part of a(z) times the
@@ -259,7 +257,7 @@ class Loop:
 
     @cached_property
     def error_per_disturbance(self) -> float:
-        """h sum_j max |(M^j g)_e|, s; infinite where it does not converge, or too slowly."""
+        """h sum_j max |(M^j g)_e|, s; infinite if it does not converge, or too slowly."""
         if not self.radius < 1.0:
             return np.inf
         start = np.zeros((len(self.values), self.feedback.C.shape[1] + 1, 1))
@@ -311,14 +309,14 @@ class Loop:
         return found.reshape(6, count) * (1.0 + _ROUNDING)
 
     def with_noise(self, delay: int) -> tuple[Array, Array, Array]:
-        """Return how noise enters the loop with measurements d periods old.
+        """Return the loop from noise to the error with measurements `delay` (d) periods old.
 
-        The state holds e_k, ..., e_{k-d}, then what the law remembers, then the last d errors of odometry, which meet
-        measurements of their age. The inputs are those of `linear_law.INPUTS` but the position: errors of eta, of what
-        feedforward senses, and of odometry in that and by itself.
+        The state is e_k, ..., e_{k-d}, then the state of the law, then the last d errors of odometry, which are
+        combined with measurements of the same age. The inputs are those of `linear_law.INPUTS` except the position:
+        errors of eta, of the measurements of feedforward, of odometry in these, and of odometry itself.
 
         Returns:
-            M and G of x+ = M x + G w, and rows that give the command of x and w: (L, n, n), (L, n, 4), (L, n + 4).
+            M and G of x+ = M x + G w, and the rows from x and w to the command: (L, n, n), (L, n, 4), (L, n + 4).
         """
         law = self.law
         d = delay
@@ -344,7 +342,7 @@ class Loop:
         return rows[..., :size], rows[..., size:], command
 
     def command_variances(self) -> Array:
-        """Return the variance of the command by white noise of unit variance in each input, shape (L, 4), 1/s^2.
+        """Return the variance of the command under white noise of unit variance in each input, shape (L, 4), 1/s^2.
 
         See `with_noise`.
         """
@@ -375,33 +373,31 @@ def stationary(
 
 
 class Share(Record):
-    """A part of d that is left, and why."""
+    """A part of the residual disturbance d."""
 
-    part: str = Field(description="what of d it is")
+    part: str = Field(description="cause of the part")
     size: float = Field(description="its largest size over the second half of the run, 2-norm over the team, m/s")
 
 
 class LawLoop(Record):
-    """The law as it is, with its terms, held over a period on ideal kinematics."""
+    """The law with its terms, held over a period on ideal kinematics."""
 
     terms: list[str] = Field(description="terms beyond the paper's law")
     unmodelled: list[str] = Field(
         description='parts of the law that check has no model of, such as "term NAME": with any of them the law, its '
         "links, the vehicles' loop and so the whole check are undecided"
     )
-    stable: bool | None = Field(description="every spectral radius is below 1; null where undecided: see reason")
-    spectral_radius: Finite = Field(description="largest over the eigenvalues of H; null where undecided")
-    rate: Finite = Field(description="slowest decay, -log(spectral radius) / h, 1/s; null where undecided")
-    largest_gain: Finite = Field(
-        description="the larger of `stable_gains`; null where there is none or where undecided"
-    )
+    stable: bool | None = Field(description="every spectral radius is below 1; null if undecided: see reason")
+    spectral_radius: Finite = Field(description="largest over the eigenvalues of H; null if undecided")
+    rate: Finite = Field(description="slowest decay, -log(spectral radius) / h, 1/s; null if undecided")
+    largest_gain: Finite = Field(description="the larger of `stable_gains`; null if there is none or it is undecided")
     stable_gains: list[float] | None = Field(
-        description="the k1 between which the loop is stable, 1/s: about the gain, else the nearest; null where there "
-        "are none or where undecided"
+        description="limits of k1 between which the loop is stable, 1/s: of the interval with the present gain, else "
+        "of the nearest; null if there is none or it is undecided"
     )
     error_per_disturbance: Finite = Field(
-        description="|e| of the team in the end is at most this times the largest size of what drives it, d, s; null "
-        "where undecided"
+        description="|e| of the team is finally at most this times the largest size of the residual disturbance d, s; "
+        "null if undecided"
     )
     radius: Finite = Field(
         description="|e| of the team never exceeds it at samples of the second half of the run, m; null: see reason"
@@ -421,8 +417,8 @@ class LawLoop(Record):
     exchanges: float = Field(description="rounds of exchange between neighbours a second")
     numbers: float = Field(description="numbers that an agent sends a second, mean over the agents")
     noise: Finite = Field(
-        description="RMS noise of the command over that of a sample of odometry, at most and with the answer of "
-        "feedback, 1/s; null where the loop is not stable"
+        description="upper bound on the RMS noise of the command over that of a sample of odometry, in closed loop, "
+        "1/s; null if the loop is not stable"
     )
     reason: str = Field(description="why a number is missing, or empty")
 
@@ -437,7 +433,7 @@ ROUNDS_OF_FITTING_EDGES = "edges do not fit together, and rounds of newton or fe
 def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> Array:
     """Evaluate the factor of an error after some rounds of `mjsheaf.law.terms.solve`, by eigenvalue, shape (L,).
 
-    By its own recurrence, so that the eigenvalues may also lie outside [low, high], or low be high.
+    It uses the same recurrence, so eigenvalues may lie outside [low, high], and low may equal high.
     """
     middle, square = 0.5 * (low + high), 0.25 * (high - low) ** 2
     error, direction, before, scale = np.ones_like(values), np.zeros_like(values), 0.0, 1.0 / middle
@@ -449,11 +445,11 @@ def residual_polynomial(values: Array, rounds: int, low: float, high: float) -> 
 
 
 def eigen_of(system: System) -> tuple[Array, Array]:
-    """Eigenvalues and orthonormal eigenvectors of H, shapes (L,) and (n, L); of a free team those above zero.
+    """Return eigenvalues and orthonormal eigenvectors of H, shapes (L,) and (n, L); of a free team those above zero.
 
     Raises:
-        UndecidedError: H is not symmetric, something is free in a team that should hold places, the law is continuous,
-            or H is too large.
+        UndecidedError: H is not symmetric, it is singular in a team that is not free, the law is continuous, or H is
+            too large.
     """
     team = system.team
     problem = team.dirichlet
@@ -474,10 +470,10 @@ def eigen_of(system: System) -> tuple[Array, Array]:
 
 
 def loop_of(system: System) -> Loop:
-    """The held loop of a system's law.
+    """Return the held loop of a system's law.
 
     Raises:
-        UndecidedError: A part of the law is not modelled (see `linear_law`), the law is continuous, something is free,
+        UndecidedError: A part of the law is not modelled (see `linear_law`), the law is continuous, q* is not unique,
             H is too large for its eigenvalues, or rounds can be delayed or lost.
     """
     require_model(system)
@@ -503,14 +499,14 @@ class _Drive:
     """Inputs of the loop along the targets' path, in K periods, and their errors.
 
     Attributes:
-        left: W - v, what feedforward leaves, shape (K, n_q), m/s.
-        met: F - phi at q*, what the observer leaves, shape (K, n_q), m/s.
-        asked: v - phi, what the terms add to the command, shape (K, n_q), m/s.
-        unsure: largest error of these by path and odometry, m/s.
+        left: W - v, residual of feedforward, shape (K, n_q), m/s.
+        met: F - phi at q*, residual of the observer, shape (K, n_q), m/s.
+        asked: v - phi, addition of the terms to the command, shape (K, n_q), m/s.
+        unsure: Largest error of these due to path and odometry, m/s.
         middle: q* in the middle of each period, shape (K, n_q), m.
-        moves: how far each agent's may be from there in the period, shape (K, N), m.
-        ripple: how far q*' - omega may be from some constant in each period, shape (K,), m/s.
-        share: Weight of a new measurement in the drift's filter; 0 without.
+        moves: Bound on the distance of each agent's q* from there in the period, shape (K, N), m.
+        ripple: Bound on the distance of q*' - omega from a constant in each period, shape (K,), m/s.
+        share: Weight of a new measurement in the observer's filter; 0 without the term.
     """
 
     left: Array
@@ -523,7 +519,7 @@ class _Drive:
     share: float
 
     def observed(self, values: Array) -> Array:
-        """A bound on a part of phi from one on the same part of F, shape (K,)."""
+        """Return a bound on a part of phi from a bound on the same part of F, shape (K,)."""
         return _filtered(values[:, None], self.share)[:, 0] if self.share else np.zeros_like(values)
 
 
@@ -545,9 +541,9 @@ def _drive(
     values: Array,
     vectors: Array,
     *,
-    most: int = 20_000_000,  # samples times states that are looked at
+    most: int = 20_000_000,  # largest product of samples and states
 ) -> _Drive:
-    """Follow feedforward and observer along the targets' path."""
+    """Compute the inputs of the loop, with feedforward and observer, along the targets' path."""
     team, terms, h, path = system.team, system.law.terms, system.grid.period, certificate.constants.path
     n_q, N = len(values), len(team.agents)
     if path.cells is None:
@@ -605,9 +601,9 @@ def _amplified(
     *,
     samples: int = 4000,  # samples of a filter's response
 ) -> float:
-    """By how much errors of any sizes up to 1, in the 2-norm over the team, grow in v: sum_j max |(1 - c) c^j|.
+    """Return the largest error of v due to errors of at most 1 at each sample, 2-norms: sum_j max |(1 - c) c^j|.
 
-    The largest of each power, as errors may come in another eigenvector at each sample.
+    The maximum is taken for each power, because the error may lie in another eigenvector at each sample.
     """
     kept, powers = np.abs(c), np.arange(samples + 1)[:, None]
     largest = (np.abs(1.0 - c) * kept**powers).max(axis=1)
@@ -615,7 +611,7 @@ def _amplified(
 
 
 def _odometry(system: System, *, sensed: bool) -> float:
-    """The largest error, over the team, of drift or of H^-1 B p' by odometry, m/s."""
+    """Return the largest error due to odometry of the observer or, if `sensed`, of H^-1 B p', 2-norm, m/s."""
     terms, n_q = system.law.terms, system.team.dirichlet.H.shape[0]
     if not (terms.noise or terms.bias):
         return 0.0
@@ -624,7 +620,7 @@ def _odometry(system: System, *, sensed: bool) -> float:
 
 
 def _carried_odometry(system: System) -> float:
-    """The 2-norm of H^-1 S, S = sum of F_i^T K F_i over sensing edges."""
+    """Return the 2-norm of H^-1 S, S = sum of F_i^T K F_i over sensing edges."""
     team = system.team
     first = sum(len(edge.b) for edge in team.communication)
     rows = agent_coboundary(team)[1][first : first + sum(len(edge.b) for edge in team.sensing)]
@@ -642,8 +638,8 @@ class Envelope:
         within: Bound on |e| within each period, shape (K,), m.
         command: Bound on every agent's command, shape (K, N), m/s.
         integral: Bound on the size of an agent's k_I z, m/s.
-        left: the parts of d that it was made from, by name, shape (K,) each, m/s.
-        clipped: why a limit may be met, so that this bounds the law without limits only; or empty.
+        left: Parts of d in the bound, by name, shape (K,) each, m/s.
+        clipped: Reason why a limit may be reached, so that this bounds only the law without limits; or empty.
     """
 
     samples: Array
@@ -654,7 +650,7 @@ class Envelope:
     clipped: str
 
     def late(self) -> float:
-        """The bound at samples of the second half of the run, m."""
+        """Return the bound at samples of the second half of the run, m."""
         return float(self.samples[len(self.within) // 2 :].max())
 
 
@@ -662,7 +658,7 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
     """Bound a run of a system; see the module.
 
     Raises:
-        UndecidedError: there is no bound, and why.
+        UndecidedError: There is no bound; the message is the reason.
     """
     if system.team.linearised_at is not None:
         raise UndecidedError("the team is linearised: what is said of it is local, and bounds no run")
@@ -686,7 +682,7 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
 
 
 def _why_clipped(system: System, command: Array, integral: float) -> str:
-    """Return why a run may leave the linear law, from the bounds of an envelope; empty if it does not."""
+    """Return the limit that a run may reach, by the bounds of an envelope; empty if it reaches none."""
     if system.safety is not None:
         return FILTERED
     limit = system.law.limit[: len(system.team.agents)]
@@ -705,16 +701,16 @@ def _bounded(
     loop: Loop,
     drive: _Drive,
     *,
-    worth: float = 0.99,  # of the bound of the round before: more is not worth a round
+    worth: float = 0.99,  # largest ratio to the bound of the previous round that is worth another round
     rounds: int = 12,
-    doublings: int = 23,  # of |e_0| or 1 mm, to radii that are tried where a field is unbounded
+    doublings: int = 23,  # of |e_0| or 1 mm, up to the largest radius that is tried in an unbounded field
 ) -> Envelope:
     K, N, h, start = len(drive.left), len(system.team.agents), loop.period, certificate.constants.initial_error
     decay, ask_start, kept_start, hit, ask, kept = loop.responses(K + 1)
     known = np.linalg.norm(drive.left - drive.met, axis=1) + drive.unsure
 
     def answer(apart: Array) -> tuple[Array, Array, Array]:
-        """Bounds at samples and within periods, and |d|, from one on f(q) - f(q*)."""
+        """Return bounds at samples and within periods, and on |d|, from one on f(q) - f(q*)."""
         unknown = apart + change
         d = known + unknown + drive.observed(unknown)
         if not np.isfinite(d).all():
@@ -723,17 +719,17 @@ def _bounded(
         return samples, np.maximum(samples[1:], samples[:-1]) + 0.5 * h * (drive.ripple + unknown), d
 
     def flow(within: Array) -> Array:
-        """A bound on f(q) - f(q*) from one on |e| within periods."""
+        """Return a bound on f(q) - f(q*) from one on |e| within periods."""
         slopes = agent_slopes(system, drive.middle, drive.moves + within[:, None])
         with np.errstate(invalid="ignore"):
             each = np.where(within[:, None] > 0.0, slopes * within[:, None], 0.0)
-        # The errors of all agents together are within, so either none adds more than the steepest, or each its own.
+        # `within` bounds the norm over all agents: the smaller one of two bounds, by the steepest slope or by agent.
         return np.minimum(each.max(axis=1), np.linalg.norm(np.minimum(each, fastest), axis=1))
 
     with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
         near = np.where(drive.moves > 0.0, agent_slopes(system, drive.middle, drive.moves) * drive.moves, 0.0)
     change = np.linalg.norm(near, axis=1)
-    fastest = 2.0 * certificate.largest_speed  # by which two points differ
+    fastest = 2.0 * certificate.largest_speed  # bound on the difference of the flow at two points
     within = np.full(K, np.inf)
     if np.isfinite(fastest):
         within = answer(np.full(K, np.sqrt(N) * fastest))[1]
@@ -777,7 +773,7 @@ def _driven(free: Array, response: Array, d: Array) -> Array:
 
 
 def law_loop(system: System, certificate: Certificate, *, carried: bool = False) -> LawLoop:
-    """Analyse the loop of a system's law, and bound its run where a bound exists.
+    """Analyse the loop of a system's law, and bound its run if a bound exists.
 
     If `carried`, the law's terms keep their memory from the phase before. The bound assumes empty memory, so it is then
     computed for the paper's law only.
@@ -799,7 +795,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
         found |= {
             "stable": loop.radius < 1.0,
             "spectral_radius": loop.radius,
-            "rate": -np.log(max(loop.radius, 1e-40)) / h,  # what is less is rounding
+            "rate": -np.log(max(loop.radius, 1e-40)) / h,  # smaller radii are rounding
             "stable_gains": loop.stable_gains,
             "largest_gain": loop.stable_gains[1] if loop.stable_gains else None,
         }
@@ -828,7 +824,7 @@ def law_loop(system: System, certificate: Certificate, *, carried: bool = False)
 
 
 def _noise(system: System, loop: Loop) -> float:
-    """See LawLoop: what odometry adds by way of sensed targets and of the agent itself, at most."""
+    """Return `LawLoop.noise`: bounds on the noise of odometry through sensed targets and through the agent's motion."""
     if not system.law.extended:
         return 0.0
     command = np.sqrt(loop.command_variances())  # per m of each input, shape (L, 4)

@@ -1,19 +1,19 @@
-"""Linear model of a law, read off the compiled stages that run.
+"""Linear model of a law, obtained by running its compiled stages.
 
-A team of one agent whose edges have the weight lambda together has H = lambda I, so that the law of any team, in an
-eigenvector of H, is the law of that agent. Its compiled stages are run once for every number that it remembers and
-for every input, with that one moved from rest and nothing else. The differences are the columns of
+A team of one agent whose edges have the total weight lambda has H = lambda I. So in an eigenvector of H, the law of any
+team is the law of that agent. Its compiled stages are run once for every state of the law and for every input, with
+only that one changed from rest. The differences are the columns of
 
     x_{k+1} = A x_k + B w_k,    u_k = C x_k + D w_k,
 
-with u the command, x what the agent remembers, and w its inputs (see `INPUTS`). No formula of a term is written here:
-whatever the stages do is in the model. It is read off along one axis. Nothing is claimed of a law whose answers to
-motions of many sizes, along all axes at once over many samples, are not those of the model along each axis; nor of one
-with registered terms that keep changing at rest, whose memory is not in proportion to the motion, or stores only its
-initial state, which no later input reaches.
+with u the command, x the state of the law, and w its inputs (see `INPUTS`). No formula of a term is written here: the
+model contains whatever the stages do. It is computed along one axis. The law is undecided if its responses to motions
+of many sizes, along all axes at once and over many samples, differ from those of the model along each axis. It is also
+undecided if registered terms keep changing at rest, if their memory is not proportional to the motion, or if it stores
+only initial values, which no later input changes.
 
-The agent has two edges to points that rest, each with half of the weight. Feedforward learns velocities over the first
-alone, so that errors of measurements on it and on the other edge differ by what feedforward makes of them.
+The agent has two edges to points at rest, each with half of the weight. Feedforward uses only the first to measure
+velocities. So the responses to measurement errors on the two edges differ by the contribution of feedforward.
 """
 
 import pickle
@@ -39,12 +39,12 @@ from mjsheaf.loop.system import System
 
 INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 """Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the
-agent's own displacement as that sum sees it (each in units of eta, m), and as the agent itself sees it, m."""
+agent's odometry in that sum (each in units of eta, m); and errors of the agent's own odometry, m."""
 
 _MOTION = 2.0**-20  # m, from rest: a power of two, so that a linear law scales without rounding
-_OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**-12, -(2.0**-6), 1.0, -(2.0**5), 2.0**10)  # m: answered in proportion
-_LINEAR = 1e-9  # relative difference of two answers of a linear law
-_NEGLIGIBLE = 1e-11  # relative size of a new direction that is rounding
+_OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**-12, -(2.0**-6), 1.0, -(2.0**5), 2.0**10)  # m, to test linearity
+_LINEAR = 1e-9  # relative difference of two responses of a linear law
+_NEGLIGIBLE = 1e-11  # relative size below which a new direction is rounding
 _GENERIC_GAIN = 0.7390851332  # 1/s; terms do not cancel -k1 eta by chance at this gain
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
@@ -53,7 +53,7 @@ _MOVED_POINTS = _MOTION * np.eye(9).reshape(3, 3, 3, 3).swapaxes(0, 1)  # along 
 
 
 class LinearController(NamedTuple):
-    """A law from k numbers to commands, u = C x + D w with x+ = A x + B w, in one matrix each or in L of them.
+    """A linear law from k inputs w to commands, u = C x + D w with x+ = A x + B w, with one matrix each or L of them.
 
     Attributes:
         A: Shape (..., r, r).
@@ -75,14 +75,14 @@ def without_memory(D: Array) -> LinearController:
 
 @dataclass(frozen=True)
 class LinearLaw:
-    """Linear model of the law in L eigenvectors of H, with n numbers that it remembers and m inputs; see the module.
+    """Linear model of the law in L eigenvectors of H, with n states and m inputs; see the module.
 
     Attributes:
         A: Shape (L, n, n).
         B: Shape (L, n, m).
         C: Shape (L, n).
         D: Shape (L, m).
-        integral: The integral of eta that an agent remembers, as a row on x, shape (n,), m s.
+        integral: The integral of eta as a row on x, shape (n,), m s.
     """
 
     A: Array
@@ -93,7 +93,7 @@ class LinearLaw:
 
     @property
     def basis(self) -> Array:
-        """Basis of what a position excites and a command shows in any of the eigenvectors, shape (n, r)."""
+        """Basis of the states that a position excites and a command depends on in any eigenvector, shape (n, r)."""
         excited = _invariant_basis(self.A, self.B[:, :, 0], np.abs(self.B[:, :, 0]))
         inner = excited.T @ self.A @ excited
         return np.asarray(
@@ -101,7 +101,7 @@ class LinearLaw:
         )
 
     def feedback(self, basis: Array) -> "LinearLaw":
-        """Return the path from position to command, on coordinates in a basis of what it excites and shows."""
+        """Return the model from position to command alone, on coordinates in a `basis` (n, r) of the states."""
         return LinearLaw(
             basis.T @ self.A @ basis,
             basis.T @ self.B[:, :, :1],
@@ -111,7 +111,7 @@ class LinearLaw:
         )
 
     def alike(self, axes: int) -> LinearController:
-        """Return the law of one vehicle that acts along some axes alike, for each eigenvalue; shapes begin with L."""
+        """Return the law of one vehicle, the same along `axes` axes, for each eigenvalue; shapes start with L."""
         return LinearController(
             *(
                 (part[:, :, None, :, None] * np.eye(axes)[:, None]).reshape(
@@ -122,7 +122,7 @@ class LinearLaw:
         )
 
     def of_team(self, vectors: Array) -> LinearController:
-        """Return the law of a whole team, whose state is n times L numbers.
+        """Return the law of a whole team, with n times L states.
 
         Args:
             vectors: Eigenvectors of H, shape (N, L). Each of the m inputs has N coordinates, one input after the other.
@@ -140,7 +140,7 @@ class LinearLaw:
 
 
 def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
-    """Return an orthonormal basis of the least space that holds all of b (L, n) and that all of A (L, n, n) keep.
+    """Return an orthonormal basis of the smallest space with all b (L, n) that is invariant under all A (L, n, n).
 
     A value counts as rounding if it is small relative to its summands; those of b have `size` (L, n).
     """
@@ -154,7 +154,7 @@ def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
         rest = pending - pending @ basis @ basis.T
         _, sizes, rows = np.linalg.svd(rest, full_matrices=False)
         found = rows[sizes > _NEGLIGIBLE * np.sqrt(max(len(rest), 1))]
-        found = np.linalg.qr((found - found @ basis @ basis.T).T)[0].T  # a small rest is hardly orthogonal to the basis
+        found = np.linalg.qr((found - found @ basis @ basis.T).T)[0].T  # twice, for orthogonality
         basis = np.column_stack([basis, found.T])
         pending = (A @ found.T).swapaxes(1, 2).reshape(-1, n)
         size = (np.abs(A) @ np.abs(found.T)).swapaxes(1, 2).reshape(-1, n)
@@ -167,7 +167,7 @@ def model_of(
     *,
     most: int = 200,
 ) -> "LawModel":
-    """Return the linear model of a team's law with a control period, s, which teams with the same terms share.
+    """Return the linear model of a team's law with a control period, s; teams with the same terms share it.
 
     Raises:
         UndecidedError: The law is not linear.
@@ -203,7 +203,7 @@ class LawModel:
             return
         self._control = alone
         terms = alone.law.terms._replace(bias=_MOTION / period)
-        self._led_astray = alone._replace(law=alone.law._replace(terms=terms))  # whose odometry errs by _MOTION
+        self._led_astray = alone._replace(law=alone.law._replace(terms=terms))  # odometry has an error of _MOTION
         self._period = period
         self._bases: dict[bytes, Array] = {}
         self._memory = new_memory(self._control.law, 3)
@@ -239,12 +239,12 @@ class LawModel:
         )
 
     def feedback(self, gain: float, values: NDArray[Any]) -> LinearLaw:
-        """Return the path from position to command at a gain, 1/s, for eigenvalues of H, shape (L,).
+        """Return the model from position to command at a gain, 1/s, for eigenvalues of H, shape (L,).
 
-        They are above zero, or complex, of an H that is not symmetric.
+        Eigenvalues are above zero, or complex if H is not symmetric.
 
         Raises:
-            UndecidedError: They are complex, and the law is not affine in them.
+            UndecidedError: Eigenvalues are complex, and the law is not affine in them.
         """
         if self.plain:
             return _papers_law(gain, values).feedback(np.zeros((0, 0)))
@@ -274,9 +274,9 @@ class LawModel:
         self,
         *,
         settling: int = 4,  # samples after which counters of samples no longer matter
-        most: int = 1000,  # samples, for what registered terms remember
+        most: int = 1000,  # samples, for the memory of registered terms
     ) -> None:
-        """Find what the law remembers at rest, and then a sample later.
+        """Find the state of the law at rest, and a sample later.
 
         Raises:
             UndecidedError: Registered terms keep changing.
@@ -300,11 +300,11 @@ class LawModel:
     def _answers(
         self, control: ControlArrays, cells: IntArray, points: Array, weights: Array, start: Array, sample: int
     ) -> tuple[Array, Array]:
-        """Evaluate the law once with each of some numbers moved, then once with agent and points moved.
+        """Evaluate the law once with each of n numbers of its memory changed, then K times with agent and points moved.
 
         Args:
             control: The law.
-            cells: Numbers of the memory, shape (n,).
+            cells: Indices of these numbers in the memory, shape (n,).
             points: Positions of the agent and of the points, shape (K, 3, 3), m.
             weights: Weights of the two edges, shape (L, 2).
             start: Memory before, shape (m,).
@@ -328,12 +328,12 @@ class LawModel:
         return ends, commands
 
     def _columns(self, points: Array, weights: Array) -> Array:
-        """Return how the state and, last, the command answer to a unit of each motion, shape (L, n + K, n + 1)."""
+        """Return the response of the state and, last, the command to a unit of each motion, shape (L, n + K, n + 1)."""
         ends, commands = self._answers(self._control, self._cells, points, weights, self._rest, self._sample)
         return np.dstack([(ends - self._end)[:, :, self._cells], commands[:, :, 0]]) / _MOTION
 
     def _led_astray_by(self, weights: Array, sensing: tuple[int, int] = (0, 1)) -> Array:
-        """Return how the state and, last, the command answer to a unit error of odometry, shape (L, n + 1).
+        """Return the response of the state and, last, the command to a unit error of odometry, shape (L, n + 1).
 
         The agent senses the velocity of targets on the edges from first to last.
         """
@@ -343,10 +343,10 @@ class LawModel:
         return np.column_stack([(ends - self._end)[:, 0, self._cells], commands[:, 0, 0]]) / _MOTION
 
     def _cells_in_loop(self) -> IntArray:
-        """Find the numbers remembered that depend on an input and on which the command along the first axis depends.
+        """Find the states that depend on an input and on which the command along the first axis depends.
 
         Raises:
-            UndecidedError: Registered terms keep, of how they began, what no input reaches later.
+            UndecidedError: Registered terms store initial values that no later input changes.
         """
         self._cells = np.flatnonzero(self._rest == 0.0)  # the others count samples
         n = len(self._cells)
@@ -361,7 +361,7 @@ class LawModel:
         seen = breadth_first_order(sparse.csr_array(graph.T), n + 1, return_predecessors=False)
         excited = excited[excited < n]
         kept = np.setdiff1d(self._registered, self._cells[excited])
-        # What the law remembers where the agent and both points have been away from rest since the start.
+        # State of the law if the agent and both points have been displaced since the start.
         points = _MOTION * np.random.default_rng(1).uniform(-1.0, 1.0, (1, 3, 3))
         state = np.zeros_like(self._rest)
         for sample in range(self._sample + 1):
@@ -373,10 +373,10 @@ class LawModel:
     def _require_linear(
         self,
         *,
-        tested_custom: int = 40,  # samples over which the model of registered terms is held against the law
-        tested_shipped: int = 8,  # and that of the shipped terms alone, which have no counters that end later
+        tested_custom: int = 40,  # samples over which the model is compared with the law, with registered terms
+        tested_shipped: int = 8,  # the same with shipped terms alone, whose counters end earlier
     ) -> None:
-        """Raise an UndecidedError unless the law does what its model says, in motions of several sizes."""
+        """Raise an UndecidedError unless the law responds as its model does, in motions of several sizes."""
         model = self.at(_GENERIC_GAIN, _GENERIC.sum(axis=1))
         weight = _GENERIC[0, 0]
         measured = self._control.law.edges.F_tail.diagonal()[:, None]
@@ -400,7 +400,7 @@ class LawModel:
             raise UndecidedError(f"what the law remembers is not in proportion to motion ({self._terms})")
 
     def _follow(self, control: ControlArrays, points: Array) -> tuple[Array, Array]:
-        """Follow motions (3, T, 3), m, from rest; return commands (T, 3) and how registered terms' memory differs."""
+        """Follow motions (3, T, 3), m, from rest; return commands (T, 3), m/s, and changes of custom terms' memory."""
         state = self._rest
         commands = np.zeros(points.shape[1:])
         memories = np.zeros((len(commands), len(self._registered)))
@@ -413,12 +413,12 @@ class LawModel:
 
 
 def _alike(found: Array, expected: Array) -> bool:
-    """Return True if answers are the same but for rounding."""
+    """Return True if responses are equal up to rounding."""
     return np.allclose(found, expected, rtol=_LINEAR, atol=_LINEAR * np.abs(expected).max(initial=0.0))
 
 
 def _papers_law(gain: float, values: NDArray[Any]) -> LinearLaw:
-    """Return the model of u = -k1 eta, which remembers nothing."""
+    """Return the model of u = -k1 eta, which has no state."""
     L = len(values)
     D = np.zeros((L, len(INPUTS)), dtype=values.dtype)
     D[:, 0] = -gain * values
@@ -427,7 +427,7 @@ def _papers_law(gain: float, values: NDArray[Any]) -> LinearLaw:
 
 
 def _one_agent(law: LawArrays) -> ControlArrays:
-    """Return a law as one agent runs it that measures two points, without limits, noise and losses."""
+    """Return the law for one agent that measures two points, without limits, noise and losses."""
     solid = bool(law.edges.F_tail[:, 2].any() or law.edges.F_head[:, 2].any())
     F = np.tile(np.diag([1.0, 1.0, float(solid)]), (2, 1))
     edges = EdgeArrays(
@@ -509,13 +509,13 @@ def _answer(control, t, start, cells, size, points, weights, still, memory, ends
 
 # -- parts of a law that check has no model of -------------------------------------------------------------------------
 #
-# The response of the law's stages to their measurements is computed from them, so a new term needs nothing here. The
-# rest of the analysis knows what edges measure, what links do to it, and who has which gain. A test names the fields of
-# these structures, one by one: a new field is either modelled by `check`, or added to `unmodelled_parts`.
+# The response of the law's stages to their measurements is computed by running them, so a new term needs no code here.
+# Edges, links and gains are modelled in the rest of the analysis. A test lists all fields of these structures: a new
+# field is either modelled by `check`, or added to `unmodelled_parts`.
 
 
 def unmodelled_parts(system: System) -> list[str]:
-    """Return the parts of a system's law that `check` has no model of, such as "law in Python"; empty if it has all."""
+    """Return the parts of a system's law that `check` cannot model, such as "law in Python"; empty without any."""
     law = system.law
     others = {
         "sensor of a link": not np.isin(law.links.table["bearing"], (0, 1)).all(),
@@ -534,16 +534,16 @@ def unmodelled_parts(system: System) -> list[str]:
 
 
 def terms_without_bound(law: LawArrays) -> list[str]:
-    """Return the terms of a law of which no bound along the targets' path is derived."""
+    """Return the terms of a law for which no bound along the targets' path is derived."""
     return [f"term {name}" for name in names_of(law.custom)]
 
 
 def because_of(parts: list[str]) -> str:
-    """Return why a law is undecided, from `unmodelled_parts`."""
+    """Return the reason why a law is undecided, from `unmodelled_parts`."""
     return f"because of {listed(parts)}, which check has no model of"
 
 
 def require_model(system: System) -> None:
-    """Raise an UndecidedError that names the parts of a system's law that `check` has no model of, if there are any."""
+    """Raise an UndecidedError that names the parts of a system's law that `check` cannot model, if there are any."""
     if parts := unmodelled_parts(system):
         raise UndecidedError(because_of(parts))

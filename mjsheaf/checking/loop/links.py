@@ -1,7 +1,7 @@
-"""A law over its links, linear about q*: what each edge measures, and what delay, noise and loss do to the law.
+"""A law over its links, linear about q*: the measurements of edges, and the effects of delay, noise and loss.
 
-All of it is about the held law on ideal kinematics: within limits of speed, while bodies are within range of one
-another, without the slope of the flow. Answers are exact where an exact one is known.
+The module is about the held law on ideal kinematics, within speed limits, while bodies are within range of one another,
+and without the slope of the flow. Results are exact, or null if no exact result is known.
 
 Range and bearing have an error along the line of sight and one across it. In space azimuth and elevation have the noise
 s each, in a body frame that faces along the last displacement of the tail. With b the third axis of that frame, r the
@@ -35,14 +35,14 @@ from mjsheaf.team.links import KINDS
 
 
 class MeasuredEdge(NamedTuple):
-    """An edge that agents listen to: D q + (what targets add) is measured.
+    """An edge at which agents measure: D q + a part that depends on targets.
 
     Attributes:
-        slots: states of q that it touches, shape (k,).
-        D: shape (m, k).
-        K: the inner product, shape (m, m); of an edge that does not fit, the derivative of its pull.
-        kind: communication, sensing or anchor.
-        z: relative position of an edge that does not fit, which is what D measures then, shape (m,), m; None else.
+        slots: Indices of the states of q that it depends on, shape (k,).
+        D: Map from these states to the measurement, shape (m, k).
+        K: Inner product, shape (m, m); for an edge that does not fit at q*, the derivative of its pull.
+        kind: 'communication', 'sensing' or 'anchor'.
+        z: Relative position of an edge that does not fit, which D then measures, shape (m,), m; None otherwise.
     """
 
     slots: IntArray
@@ -58,7 +58,7 @@ class MeasuredEdge(NamedTuple):
 
 
 def measured_edges(team: Team) -> list[MeasuredEdge]:
-    """The edges that agents listen to: communication, sensing, anchors, in order."""
+    """Return the edges at which agents measure: communication, sensing, anchors, in order."""
     first = dict(zip(team.agent_ids, team.first_state, strict=False))
 
     def measured(edge: Edge, kind: str) -> MeasuredEdge:
@@ -76,13 +76,13 @@ class LinkParameters:
     """The links of E edges, in the order of `measured_edges`.
 
     Attributes:
-        delay: ages of measurements in whole periods, shape (E,).
-        noise: covariance of each edge's numbers, shapes (m_e, m_e), m^2.
+        delay: Ages of measurements in whole periods, shape (E,).
+        noise: Covariance of each edge's numbers, shapes (m_e, m_e), m^2.
         bias: Bias of each edge's numbers, shapes (m_e,), m.
-        loss: probabilities a sample to turn bad and to turn good, and of loss while good and while bad, shape (E, 4);
-            without bursts (0, 1, p, p).
-        held: True where a lost sample is replaced by an older one, shape (E,).
-        linearised: True if a covariance is that of range and bearing.
+        loss: Probabilities per sample to turn bad and to turn good, and of a loss while good and while bad, shape
+            (E, 4); without bursts (0, 1, p, p).
+        held: True for edges that replace a lost sample by an older one, shape (E,).
+        linearised: True if a covariance is that of range and bearing, linearised.
         ranged: True if a link receives nothing beyond some range.
     """
 
@@ -111,7 +111,7 @@ class LinkParameters:
 
     @property
     def delivered(self) -> Array:
-        """The share of an edge's measurements that arrive in the long run, shape (E,)."""
+        """Fraction of each edge's measurements that arrive in the long run, shape (E,)."""
         to_bad, to_good, good, bad = self.loss.T
         total = to_bad + to_good
         share = np.where(total > 0.0, to_bad / np.where(total > 0.0, total, 1.0), 0.0)
@@ -119,7 +119,7 @@ class LinkParameters:
 
 
 def perfect_links(edges: Sequence[MeasuredEdge]) -> LinkParameters:
-    """Links without delay, noise and loss."""
+    """Return links without delay, noise and loss."""
     E = len(edges)
     noise = tuple(np.zeros((len(edge.D),) * 2) for edge in edges)
     bias = tuple(np.zeros(len(edge.D)) for edge in edges)
@@ -135,8 +135,8 @@ class LinkedLaw:
     Attributes:
         loop: Loop of the law as if its links were exact.
         vectors: Eigenvectors of H in the order of the loop's L eigenvalues, shape (n, L); of a free team L < n.
-        edges: that agents listen to.
-        links: theirs.
+        edges: Edges at which agents measure.
+        links: Their links.
         terms: Terms of the law.
     """
 
@@ -164,7 +164,7 @@ class LinkedLaw:
 
     @property
     def sensed_pull(self) -> Array:
-        """D^T K of the edges from which feedforward learns velocities, 0 of the others, shape (n, m)."""
+        """D^T K of the edges from which feedforward computes velocities, 0 for the others, shape (n, m)."""
         _, pull, of = self.numbers
         return pull * np.array([edge.kind == "sensing" for edge in self.edges])[of]
 
@@ -175,10 +175,10 @@ def links_of(
     *,
     instants: int = 200,  # along q* at which noise of range and bearing is linearised
 ) -> LinkParameters:
-    """The links of a system; noise of range and bearing is the mean of its linearisations along q*.
+    """Return the links of a system; noise of range and bearing is the mean of its linearisations along q*.
 
     Raises:
-        UndecidedError: bodies are beyond a link's range at the start, or at q* at times.
+        UndecidedError: Bodies are beyond a link's range at the start, or at times at q*.
     """
     team = system.team
     table = system.law.links.table
@@ -228,11 +228,11 @@ def links_of(
 def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float) -> Array:
     """Return the mean covariance of y as measured by range and bearing, linearised, shape (m, m), m^2.
 
-    In the plane it is exact to first order, and in space at least what it is there.
+    In the plane it is exact to first order; in space it is an upper bound of the covariance.
 
     Args:
         y: Relative positions, shape (T, m), m; m is 2 or 3.
-        range_noise, bearing_noise: Standard deviations, m and rad. In space azimuth and elevation have it each.
+        range_noise, bearing_noise: Standard deviations, m and rad; in space, that of azimuth and of elevation.
     """
     square = (y**2).sum(axis=1)[:, None, None]
     outer = y[:, :, None] * y[:, None]
@@ -243,8 +243,8 @@ def range_bearing_covariance(y: Array, range_noise: float, bearing_noise: float)
 
 # -- delayed measurements ----------------------------------------------------------------------------------------------
 #
-# For the paper's law with one delay of d periods the condition is k1 h lambda < 2 sin(pi / (2 (2 d + 1))). With other
-# laws each number of periods is tried.
+# For the paper's law with one delay of d periods the condition is k1 h lambda < 2 sin(pi / (2 (2 d + 1))). For other
+# laws, one number of periods after the other is tried.
 #
 # If the edges of the paper's law have different delays up to d, the condition at lambda_max suffices. A root
 # z = exp(i theta) of the team's loop, with vector x and w_e = k1 h x* H_e x >= 0, satisfies
@@ -258,32 +258,32 @@ _ROUNDING = 1e-9  # of a spectral radius: closer to 1 nothing is decided
 
 
 class DelayAnswer(Record):
-    """The loop with measurements as old as they are, all of which arrive."""
+    """The loop with the delays of its links, if no measurement is lost."""
 
-    delay: Finite = Field(None, description="of the oldest measurements, s; null where not known")
-    stable: bool | None = Field(None, description="null where undecided: see reason")
-    spectral_radius: Finite = Field(None, description="of a period, with these delays; null where not computed")
+    delay: Finite = Field(None, description="delay of the oldest measurements, s; null if not known")
+    stable: bool | None = Field(None, description="null if undecided: see reason")
+    spectral_radius: Finite = Field(None, description="spectral radius over a period, with these delays; or null")
     margin: Finite = Field(
         None,
-        description="largest delay of all links alike, in whole periods, up to which the loop is stable, s; null where "
+        description="largest common delay of all links, in whole periods, up to which the loop is stable, s; null if "
         "it is unstable without delay, or undecided",
     )
     largest_gain: Finite = Field(
         None,
-        description="from which on the law is unstable with these delays if nothing is lost, 1/s; null where a term "
-        "changes it, edges have unlike delays, or it is unstable at any gain",
+        description="gain above which the law is unstable with these delays if nothing is lost, 1/s; null if a term "
+        "changes it, edges have different delays, or it is unstable at any gain",
     )
     reason: str = Field(description="why a number is missing, or empty")
 
 
 def team_loop(law: LinkedLaw, delay: IntArray, most: int = MOST_STATES) -> tuple[Array, Array, Array]:
-    """The loop of the whole team with a delay for each edge, in periods: x+ = (M + L C) x, m rows of C for m numbers.
+    """Return M, L and C of the whole team's loop x+ = (M + L C) x with a delay for each edge, in periods.
 
-    The states are e_k, e_{k-1}, ..., then what the law remembers in eigenvectors of H; C x is D_e e_{k-d} of each edge.
-    Of a team that is free to move e is in eigenvectors of H too, without those of zero eigenvalues.
+    The states are e_k, e_{k-1}, ..., then those of the law in eigenvectors of H. The m rows of C x are D_e e_{k-d} of
+    the edges. For a team that is free to move, e is also in eigenvectors of H, without those of zero eigenvalues.
 
     Raises:
-        UndecidedError: it has more than `most` states.
+        UndecidedError: It has more than `most` states.
     """
     vectors, h = law.vectors, law.loop.period
     feedback, values = law.loop.feedback, law.loop.values
@@ -325,12 +325,12 @@ def spectral_radius(law: LinkedLaw, delay: IntArray) -> float:
 
 
 def is_stable(radius: float) -> bool | None:
-    """Return True if a spectral radius is stable; None where it is too close to 1."""
+    """Return True if a spectral radius is stable; None if it is too close to 1."""
     return None if abs(radius - 1.0) < _ROUNDING else radius < 1.0
 
 
 def limit_from_eigenvalues(values: NDArray[Any], product: float) -> int:
-    """Return the largest delay, in periods, up to which the paper's held law is stable; it is stable without.
+    """Return the largest delay, in periods, up to which the paper's held law is stable; it must be stable without.
 
     A root z = exp(i theta) of z^m (z - 1) + k1 h lambda has 2 sin(theta / 2) = k1 h |lambda| and
     theta (m + 1/2) = pi / 2 - |arg lambda|. The first such m of all eigenvalues is the limit.
@@ -351,11 +351,11 @@ def largest_delay(
     *,
     most: int = 200,
 ) -> int | None:
-    """Return the largest delay of all links, in periods, up to which a loop is stable; None if it is unstable without.
+    """Return the largest delay of all links, in periods, up to which a loop is stable; None if unstable without delay.
 
     Args:
         loop: Loop of the law.
-        linked: True for each edge that has a link, shape (E,); the others measure at once.
+        linked: True for each edge that has a link, shape (E,); the others have no delay.
         radius_of: Spectral radius with a delay for each edge, in periods.
         most: Periods of delay that are tried one by one.
 
@@ -393,7 +393,7 @@ def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Call
         radius = radius_of(delay)
         stable = is_stable(radius)
     except UndecidedError as error:
-        # Of unlike delays, the limit decides only for the paper's law and a symmetric H, and only that it is stable.
+        # With different delays, the limit is only a sufficient condition, for the paper's law and a symmetric H.
         known = loop.is_papers and not np.iscomplexobj(loop.values) and loop.radius < 1.0 - _ROUNDING
         stable = True if known and d <= limit_from_eigenvalues(loop.values, loop.gain * loop.period) else None
         if limit is not None and (delay == d).all():
@@ -412,23 +412,23 @@ def delay_answer(loop: Loop, delay: IntArray, linked: BoolArray, radius_of: Call
 #
 # Second moments of a law over its links: the decay rate while measurements are lost, and the errors that noise makes.
 #
-# A lost measurement is skipped. E[x x^T] goes to E[A x x^T A^T], a linear operator on matrices that keeps the
-# positive semidefinite ones, so that its spectral radius is an eigenvalue. For the paper's law without delay, where x
-# is e, it is self-adjoint: its largest eigenvalue, by Lanczos, is within the norm of the residual of the one that is
-# stated. With delay, newton or integral x is more than e, and the operator T is not self-adjoint; the eigenvalue may
-# be multiple, and its eigenvector badly conditioned. The verdict then rests on X - T(X) = I. T maps the cone of
-# positive semidefinite matrices into itself, hence:
+# A lost measurement is skipped. E[x x^T] goes to E[A x x^T A^T], a linear operator T on matrices that maps positive
+# semidefinite ones to positive semidefinite ones, so its spectral radius is an eigenvalue. For the paper's law without
+# delay, where x is e, T is self-adjoint, and the error of its largest eigenvalue, computed by Lanczos, is at most the
+# norm of the residual. With delay, newton or integral, x is more than e, and T is not self-adjoint; the eigenvalue may
+# be multiple, and its eigenvector badly conditioned. The verdict then rests on X - T(X) = I, because T preserves the
+# cone of positive semidefinite matrices:
 #
 # - If a solution has X > 0, then T(X) = X - I <= (1 - 1 / lambda_max(X)) X, so that the spectral radius is below 1.
 # - If the spectral radius is below 1, then X = I + T(I) + T(T(I)) + ... > 0. So a solution with a negative eigenvalue
 #   shows that it is not.
 #
-# Both hold of any right side that is positive definite, and so of the computed one, X - T(X), which is close to I.
+# Both hold for any positive definite right side, and so for that of the computed X, X - T(X), which is close to I.
 #
-# Feedforward and drift do not depend on e, whichever samples they miss. With losses in bursts (Gilbert and Elliott)
-# nothing is claimed.
+# Feedforward and drift do not depend on e, whichever samples are lost. With losses in bursts (Gilbert and Elliott)
+# the rate is undecided.
 
-_FEW = 40  # second moments whose eigenvalue is found of a dense matrix
+_FEW = 40  # largest number of second moments for which a dense matrix is used
 _TOLERANCE = 1e-10  # of eigenvalues and of covariances, relative
 
 
@@ -436,20 +436,20 @@ class LossAnswer(Record):
     """Decay rate of the mean square error under packet loss; the law skips lost measurements.
 
     If edges disagree at q*, or if e does not converge to zero, each loss moves agents. The resulting errors are not
-    counted.
+    included.
     """
 
-    stable: bool | None = Field(None, description="E|e|^2 falls; null where undecided: see reason")
-    factor: Finite = Field(None, description="by which E|e|^2 falls in a period, in the long run")
+    stable: bool | None = Field(None, description="E|e|^2 decays; null if undecided: see reason")
+    factor: Finite = Field(None, description="factor of E|e|^2 over a period, in the long run")
     accuracy: Finite = Field(
         None,
-        description="norm of the residual of the factor's eigenvector: an error bound of the factor of the paper's law "
-        "without delay, else an estimate",
+        description="norm of the residual of the factor's eigenvector: an error bound of the factor for the paper's "
+        "law without delay, else an estimate",
     )
     bound: Finite = Field(
-        None, description="of E|e|^2 in any one period, at most; null where e is not all that the loop remembers"
+        None, description="largest factor of E|e|^2 over any one period; null if the loop has states besides e"
     )
-    rate: Finite = Field(None, description="at which the root of E|e|^2 decays, 1/s; negative where it grows")
+    rate: Finite = Field(None, description="decay rate of the root of E|e|^2, 1/s; negative if it grows")
     reason: str = Field(description="why a number is missing, or empty")
 
 
@@ -470,9 +470,9 @@ def loss_answer(law: LinkedLaw) -> LossAnswer:
 class SecondMoments:
     """Map of the second moments of the states x of `team_loop`, x+ = (M + L C) x, over a period, under losses.
 
-    Where the numbers of edges arrive with probabilities r, with B = M + L r C,
+    If the numbers of edges arrive with probabilities r, and B = M + L r C, it is
 
-        X -> B X B^T + L (r (1 - r) C X C^T) L^T, of C X C^T each edge's own block.
+        X -> B X B^T + L (r (1 - r) C X C^T) L^T, with only the diagonal block of each edge in C X C^T.
     """
 
     def __init__(
@@ -481,7 +481,7 @@ class SecondMoments:
         *,
         most: int = 60_000,  # numbers in the second moments with delay, newton or integral
     ) -> None:
-        """Prepare it.
+        """Compute the matrices of the map.
 
         Raises:
             UndecidedError: Lost samples are held, losses come in bursts, or the loop is too large.
@@ -512,14 +512,14 @@ class SecondMoments:
 
     @property
     def bound(self) -> float | None:
-        """By which E|e|^2 falls in any one period, at most; None where e is not all that the loop remembers."""
+        """Return the largest factor of E|e|^2 over any one period; None if the loop has states besides e."""
         return float(np.linalg.eigvalsh(self._apply(np.eye(len(self._mean)))).max()) if self._symmetric else None
 
     def covariances(self) -> Array:
-        """Stationary covariances of e, m^2, and of the command, m^2/s^2, shape (2, n, n), by the noise of links.
+        """Compute stationary covariances of e, m^2, and the command, m^2/s^2, due to noise of links, shape (2, n, n).
 
         Raises:
-            UndecidedError: the loop is unstable, or the iteration did not converge.
+            UndecidedError: The loop is unstable, or the iteration did not converge.
         """
         if not self.factor[0] < 1.0:
             raise UndecidedError("the loop is unstable")
@@ -533,7 +533,7 @@ class SecondMoments:
         return np.stack([error, 0.5 * (asked + asked.T) / self._law.loop.period**2])
 
     def _operator(self, *, less: bool = False) -> LinearOperator:
-        """X -> the moments a period later, or X less those, on flat vectors."""
+        """Return the map from X to the moments a period later, or to X minus these if `less`, on flat vectors."""
 
         def apply(flat: Array) -> Array:
             after = self._apply(flat.reshape(self._mean.shape)).ravel()
@@ -543,15 +543,15 @@ class SecondMoments:
 
     @cached_property
     def factor(self) -> tuple[float, float]:
-        """By which E|e|^2 falls in the long run, and the norm of its eigenvector's residual.
+        """Return the factor of E|e|^2 over a period in the long run, and the norm of its eigenvector's residual.
 
         Raises:
-            UndecidedError: the iteration did not converge.
+            UndecidedError: The iteration did not converge.
         """
         operator = self._operator()
         start = np.eye(len(self._mean)).ravel()
         if len(start) <= _FEW:
-            # A Schur form scales nothing: the scaling of the usual routine spoils multiple eigenvalues.
+            # The Schur form needs no balancing, which would make multiple eigenvalues inaccurate.
             matrix = operator @ np.eye(len(start))
             value = float(np.abs(np.diagonal(schur(matrix, output="complex")[0])).max())
             return value, float(np.linalg.svd(matrix - value * np.eye(len(start)), compute_uv=False)[-1])
@@ -566,10 +566,10 @@ class SecondMoments:
 
     @cached_property
     def stable(self) -> bool | None:
-        """Return True if E|e|^2 falls, by the solution of X - T(X) = I (see the module); None if rounding decides.
+        """Return True if E|e|^2 decays, by the solution of X - T(X) = I (see the module); None if rounding decides.
 
         Raises:
-            UndecidedError: the iteration did not converge.
+            UndecidedError: The iteration did not converge.
         """
         X = self._solve(np.eye(len(self._mean)))
         smallest, size = float(np.linalg.eigvalsh(X).min()), float(np.abs(X).max())
@@ -589,10 +589,10 @@ class SecondMoments:
 
 # -- noise of links and of odometry ------------------------------------------------------------------------------------
 #
-# Noise is white in time, so that the covariance of the states P = M P M^T + G U G^T, between each pair of modes of
-# `Loop.with_noise`: summed up by doubling. Where delays are unlike or measurements are lost, that of the whole team.
+# Noise is white in time, so the covariance of the states satisfies P = M P M^T + G U G^T, for each pair of modes of
+# `Loop.with_noise`; it is solved by doubling. With different delays or losses, it is that of the whole team's loop.
 
-_CHUNK = 4_000_000  # numbers of covariances at once
+_CHUNK = 4_000_000  # numbers of covariances computed at once
 
 
 class AgentNoise(Record):
@@ -605,21 +605,21 @@ class AgentNoise(Record):
 
 
 class NoiseAnswer(Record):
-    """The stationary errors that noise and bias of links and of odometry make, at samples.
+    """Stationary errors at samples due to noise and bias of links and odometry.
 
     They add to those of targets' motion, flow and losses: means to means, and squares of the RMS to squares.
     """
 
-    mean: Finite = Field(None, description="|mean of e| of the team, by biases, m; null: see reason")
+    mean: Finite = Field(None, description="|mean of e| of the team, due to biases, m; null: see reason")
     error: Finite = Field(None, description="RMS in time of |e| of the team about its mean, m; null: see reason")
     mean_per_agent: Finite = Field(None, description="`mean` as RMS over agents, mean / sqrt(N), m")
     error_per_agent: Finite = Field(None, description="`error` as RMS over agents, error / sqrt(N), m")
     norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
     command: Finite = Field(None, description="RMS of the commands of the team, 2-norm, m/s; null: see reason")
-    agents: list[AgentNoise] = Field(description="each agent, in order; empty where there is no answer")
+    agents: list[AgentNoise] = Field(description="each agent, in order; empty without a result")
     linearised: bool = Field(
-        description="noise of range and bearing is linearised along q*; in space this makes an upper estimate, "
-        "by 1 % where lines of sight are level in the bodies' frames, by a factor sqrt(2) at most"
+        description="noise of range and bearing is linearised along q*; in space the result is then an upper estimate, "
+        "by 1 % if lines of sight are level in the bodies' frames, by a factor sqrt(2) at most"
     )
     reason: str = Field(description="why a number is missing, or empty")
 
@@ -649,10 +649,10 @@ def noise_answer(law: LinkedLaw, team: Team) -> NoiseAnswer:
 
 
 def mean_error(law: LinkedLaw) -> Array:
-    """The mean of e that biases make, shape (n,), m: where neither eta nor the command has a mean.
+    """Compute the mean of e due to biases, shape (n,), m: then neither eta nor the command has a mean.
 
     Raises:
-        UndecidedError: measurements with a bias are lost.
+        UndecidedError: Measurements with a bias are lost.
     """
     vectors, links, terms = law.vectors, law.links, law.terms
     if links.lossy.any() and any(bias.any() for bias in links.bias):
@@ -668,10 +668,10 @@ def mean_error(law: LinkedLaw) -> Array:
 
 
 def noise_covariances(law: LinkedLaw) -> Array:
-    """Stationary covariances of e, m^2, and of the command, m^2/s^2, over the states of q, shape (2, n, n).
+    """Compute stationary covariances of e, m^2, and of the command, m^2/s^2, over the states of q, shape (2, n, n).
 
     Raises:
-        UndecidedError: they are not known, and why.
+        UndecidedError: They are not known; the message is the reason.
     """
     links = law.links
     lossy = links.lossy.any()
@@ -721,33 +721,33 @@ UNSTABLE_LINKS = "over its links the law is unstable"
 
 
 class LinkRecord(Record):
-    """Effects of links on the law, on ideal kinematics and linear about q*; null wherever no exact answer is known."""
+    """Effects of links on the law, on ideal kinematics and linear about q*; null if no exact result is known."""
 
-    exact: bool = Field(description="whether every link is: then only the margin of delay is new")
+    exact: bool = Field(description="whether every link is exact; then the record adds only the delay margin")
     stable: bool | None = Field(
-        description="with the delays of the links, and where measurements are lost in mean square; null: undecided"
+        description="stable with the delays of the links, in mean square if measurements are lost; null: undecided"
     )
-    delay_margin: Finite = Field(description="that of `delay`, s")
-    noise_rms: Finite = Field(description="RMS in time of |e| of the whole team that noise makes in the long run, m")
+    delay_margin: Finite = Field(description="`margin` of `delay`, s")
+    noise_rms: Finite = Field(description="RMS in time of |e| of the whole team due to noise in the long run, m")
     noise_rms_per_agent: Finite = Field(description="the same as RMS over agents, noise_rms / sqrt(N), m")
     norm: Norm = Field(TEAM_NORM, description=OF_TEAM)
     mean_square_rate: Finite = Field(
-        description="by which E|e|^2 falls in a period, in the long run: the spectral radius of X -> E[A X A^T]"
+        description="factor of E|e|^2 over a period, in the long run: the spectral radius of X -> E[A X A^T]"
     )
     delivery: dict[str, Finite] = Field(
-        description="share of measurements that arrive in the long run, mean over a kind's edges, within range"
+        description="fraction of measurements that arrive in the long run, mean over a kind's edges, within range"
     )
-    assumed: str = Field(description="what the answers rest on")
+    assumed: str = Field(description="assumptions of these results")
     delay: DelayAnswer
-    noise: NoiseAnswer | None = Field(description="null where nothing has noise or bias")
-    loss: LossAnswer | None = Field(description="null where nothing is lost")
+    noise: NoiseAnswer | None = Field(description="null without noise and bias")
+    loss: LossAnswer | None = Field(description="null without losses")
 
 
 def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
     """Compute the effects of links on a law, and its delay margin; None if links are exact and the margin is unknown.
 
     Args:
-        system: the system.
+        system: The system.
         path: Path of its targets.
     """
     team, terms = system.team, system.law.terms
@@ -788,7 +788,7 @@ def link_answers(system: System, path: TargetPath) -> LinkRecord | None:
 
 
 def _with_gain(answer: DelayAnswer, system: System) -> DelayAnswer:
-    """Add the controller.gain from which on the held law is unstable over its links, where it is known."""
+    """Add the controller.gain above which the held law is unstable over its links, if it is known."""
     law, team, delay = system.law, system.local.team, common_delay(system)
     changed = law.terms.newton or law.terms.integral or law.custom or (law.extended and not team.symmetric)
     if system.grid.continuous or changed or delay is None:
@@ -805,15 +805,15 @@ def answers_for(law: LinkedLaw, team: Team) -> LinkRecord:
 
 
 def _delay_alone(system: System, edges: Sequence[MeasuredEdge], links: LinkParameters, why: str) -> DelayAnswer:
-    """Answer for the delay that all measurements share, of a team whose eigenvectors are not known.
+    """Decide the loop with a common delay of all measurements, for a team whose eigenvectors are not known.
 
-    Of a large team the largest and smallest eigenvalues decide: the spectral radius falls and then rises in between.
+    For a large team the largest and smallest eigenvalues decide: the spectral radius falls and then rises in between.
 
     Args:
         system: The system.
         edges: Its edges.
-        links: Theirs.
-        why: Reason why nothing is known of unlike delays.
+        links: Links of the edges.
+        why: Reason why different delays are undecided.
 
     Raises:
         UndecidedError: The harmonic extension is not unique, or the law has an integral.
@@ -854,7 +854,7 @@ def _record(
     noise_of: Callable[[], NoiseAnswer],
     loss_of: Callable[[], LossAnswer],
 ) -> LinkRecord:
-    """Return the record of links, with the effects of noise and of loss where there are any."""
+    """Return the record of links, with the effects of noise and of loss if there are any."""
     strays = (terms.noise > 0.0 or terms.bias != 0.0) and (terms.feedforward > 0 or terms.drift > 0.0)  # odometry
     noise = noise_of() if links.noisy or strays else None
     loss = loss_of() if links.lossy.any() else None

@@ -30,13 +30,13 @@ MOST_ROWS = 20
 
 
 class HoldMargin(Record):
-    """A law held over a period h, on ideal kinematics: q grows by (1 - k1 h lambda) in each mode."""
+    """A law held over a period h, on ideal kinematics: the factor of each mode over a period is 1 - k1 h lambda."""
 
     period: float = Field(description="h, s")
     product: float = Field(description="k1 h lambda_max: below 2 it converges, up to 1 it does not ring")
-    largest_gain: float | None = Field(description="2 / (h lambda_max), 1/s; null where H = 0 or a mode grows")
+    largest_gain: float | None = Field(description="2 / (h lambda_max), 1/s; null if H = 0 or a mode grows")
     ringing_gain: float | None = Field(
-        description="1 / (h lambda_max): beyond it the fastest mode changes sign at each sample, 1/s; null where H = 0 "
+        description="1 / (h lambda_max): above it the fastest mode changes sign at each sample, 1/s; null if H = 0 "
         "or a mode grows"
     )
 
@@ -51,16 +51,16 @@ class SpeedDemand(Record):
     """Required and possible speed of an agent, m/s."""
 
     agent: str
-    asked: float = Field(description="by the law at the start, k1 |eta_i|")
-    limit: Finite = Field(description="that the law keeps; null without one")
-    steady: Finite = Field(description="largest |q*'_i - f_i(q*)| along the run; null where a field is singular")
+    asked: float = Field(description="speed commanded by the law at the start, k1 |eta_i|")
+    limit: Finite = Field(description="velocity limit of the law; null without one")
+    steady: Finite = Field(description="largest |q*'_i - f_i(q*)| along the run; null if a field is singular")
     able: Finite = Field(
         description="all-way speed; steady speed of its body through the medium in the horizontal direction in which "
         "it is slowest; null: unlimited thrusters"
     )
     deficit: Finite = Field(
-        description="smallest distance behind q* over the last quarter of the time, m; of an agent that begins on q* "
-        "and heads for it at `limit` or its top speed, the smaller one; null where `steady` is"
+        description="smallest distance behind q* over the last quarter of the time, m, for an agent that begins on q* "
+        "and moves towards it at the smaller of `limit` and its top speed; null if `steady` is"
     )
     able_forward: Finite = Field(
         description="forward speed; steady speed of its body through the medium at full thrust forward; null: "
@@ -86,28 +86,28 @@ class SpeedDemand(Record):
 
 
 class OneSided(Record):
-    """Agents whose vehicle cannot push in some directions, or hardly."""
+    """Agents whose vehicle has no thrust, or little, in some directions."""
 
     agents: list[str] = Field(description="ids")
     vehicle: str = Field(description="name of their vehicle")
     lacking: list[str] = Field(description="directions in which it cannot push while it does nothing else")
-    meaning: str = Field(description="what follows")
+    meaning: str = Field(description="consequence")
 
 
 class Margins(Record):
     """Margins of effects outside the theory."""
 
-    hold: HoldMargin | None = Field(description="null where the law is continuous, or H is not symmetric")
+    hold: HoldMargin | None = Field(description="null if the law is continuous, or H is not symmetric")
     bodies: BodyMargins
     speed: list[SpeedDemand] = Field(description=f"the most demanding agents first, at most {MOST_ROWS}")
     one_sided: list[OneSided] = Field([], description="vehicles whose thrusters do not push both ways")
     slow_targets: dict[str, tuple[float, float]] = Field(
-        {}, description="targets whose vehicles cannot keep to their path: speed that it takes, and top speed, m/s"
+        {}, description="targets whose vehicles cannot follow their path: required speed, and top speed, m/s"
     )
     wind: dict[str, tuple[float, Finite]] = Field(
         {},
-        description="agents on which wind acts: the mean wind above them, relative to their places, and the largest of "
-        "that direction in which actuators and velocity limit hold them there, m/s; null: not known, or above 200 m/s",
+        description="agents on which wind acts: mean wind above them, relative to their places, and the largest wind "
+        "from there in which actuators and velocity limit hold them, m/s; null: not known, or above 200 m/s",
     )
     falling: dict[str, str] = Field(
         {}, description="agents whose vehicle turns over and falls once it leans to its limit: why, with numbers"
@@ -115,7 +115,7 @@ class Margins(Record):
 
 
 def margins(system: System, certificate: Certificate) -> Margins:
-    """All margins of a system."""
+    """Compute all margins of a system."""
     agents = system.vehicles[: len(system.team.agents)]
     kinds, _ = kinds_of(agents)
     tau = [float(vehicle.reduced_model().tau.max()) for vehicle in kinds]
@@ -176,7 +176,7 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
 
 
 def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
-    """The margin of the held law, or None where the law is continuous or H is not symmetric."""
+    """Compute the margin of the held law; None if the law is continuous or H is not symmetric."""
     if system.grid.continuous or not system.team.symmetric:
         return None
     h = system.grid.period
@@ -200,7 +200,7 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
     difference = certificate.constants.difference
     relative = difference.values + difference.shaken  # f_B + H^-1 B omega
     if path.cells is None and not np.isfinite(system.moving_bounds.speed).all():
-        # Targets that meet gusts have no certain path: theirs is the one without gusts.
+        # The path of targets in gusts is not known; the path without gusts is used.
         calm = replace(system, flows=[flow.model_copy(update={"gusts": None}) for flow in system.flows])
         carrier = Carrier(calm)
         path = follow_targets(calm, carrier)
@@ -229,9 +229,9 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
 
 
 def _behind(time: Array, carried: Array, top: Array) -> Array:
-    """Compute how far agents fall behind q* that head straight for it, each at most at its top speed.
+    """Compute the distance of agents behind q* that move straight towards it, each at most at its top speed.
 
-    They begin on q*. The medium is as fast about an agent as about its place: e' = u + f_q(q*) - q*' with |u| <= top.
+    They begin on q*. The flow at an agent is taken to be that at its place: e' = u + f_q(q*) - q*' with |u| <= top.
 
     Args:
         time: Instants, shape (T,), s.
@@ -239,7 +239,7 @@ def _behind(time: Array, carried: Array, top: Array) -> Array:
         top: Top speeds, shape (N,), m/s.
 
     Returns:
-        Distances, shape (T, N), m; 0 of those that are as fast as q* throughout, NaN from where the field is singular.
+        Distances, shape (T, N), m; 0 for agents that are as fast as q* throughout, NaN once the field is singular.
     """
     behind = np.zeros(carried.shape[:2])
     slow = np.flatnonzero(~(np.linalg.norm(carried, axis=2).max(axis=0) <= top))

@@ -2,36 +2,36 @@
 
 The tracking error is that of the linear loop, driven along the targets' path from the initial positions.
 
-With q and q* measured from q* at the start, s = H q* is what the targets add to eta = H q - s. The law in the
-eigenvectors of H (see `linear_law`) has the inputs q, -s as an error of eta, s as what sensing edges report, and the
-displacement by the medium over the period before as what an agent sees of its own motion. The vehicles have the
-commands u and the velocity of the medium at q*, with its disturbance, gusts, waves and tides, as inputs. So
+With q and q* measured from q* at the start, s = H q* is the contribution of the targets to eta = H q - s. The law in
+the eigenvectors of H (see `linear_law`) has the inputs q, -s as an error of eta, s as the measurement of sensing edges,
+and the displacement by the medium over the previous period as the agent's odometry. The inputs of the vehicles are the
+commands u and the velocity of the medium at q*, with its disturbance, gusts, waves and tides. So
 
-    z_{k+1} = M z_k + E (s_k, f_k),    z = (q, states of the vehicles, what the law remembers)
+    z_{k+1} = M z_k + E (s_k, f_k),    z = (q, states of the vehicles, state of the law)
 
-where the vehicles begin, at rest. Commands are shortened to the speed limits and, on the vehicles, to their speeds
-ahead. The prediction leaves out how the flow differs at q from q*, noise, and what delays and losses do.
+from the initial positions, at rest. Commands are shortened to the speed limits and, on the vehicles, to their speeds
+ahead. The prediction leaves out the difference of the flow between q and q*, noise, delays and losses.
 
 Gusts and waves pass through the same loop by their spectra, on ideal kinematics and on bodies.
 
-The loop from one sample to the next, on errors e = q - q* and all else that it remembers, is X+ = M X + N w, with w
-the mean velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h),
-and the variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so that their
-spectrum is that of their discrete filter; a wave's mean over a period is sin(omega h / 2) / (omega h / 2) of it.
-Waves and frozen gusts meet all vehicles with a phase, each at q* as it is at the start; gusts of each vehicle's own
-are independent. Vehicles in the plane meet the waves' velocity at the surface, those below it that at their depth. A
-target that the medium moves takes q* along. Where the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
+The loop from one sample to the next, with errors e = q - q* and its other states, is X+ = M X + N w, with w the mean
+velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h), and the
+variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so their spectrum is that
+of their discrete filter. The mean of a wave over a period is sin(omega h / 2) / (omega h / 2) times its amplitude.
+Waves and frozen gusts are the same for all vehicles up to a phase, that of q* at the start; separate gusts are
+independent. Vehicles in the plane meet the waves' velocity at the surface, submerged ones that at their depth. A target
+that the medium moves moves q* with it. If the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
 
-A target of time constant tau follows the medium by 1 / (1 + i omega tau), less what its pull takes back. With
+A target of time constant tau follows the medium by 1 / (1 + i omega tau), and its pull reduces that. With
 r = e^(-h / tau) and l = tau (1 - r), a command that is held over h moves it by
 
     G = ((h - l) + l (1 - r) / (z - r)) / (z - 1),    so that it follows by 1 / ((1 + i omega tau) (1 + pull G)).
 
-On bodies the loop is that of the linear vehicles. In axes that move with the medium a vehicle does not know that it
-moves; so with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w.
-A hull rights itself to the surface, so the same holds of a slope s with the attitude E_s upright on it:
+On bodies the loop is that of the linear vehicles. A vehicle behaves in the same way in axes that move with the medium.
+So with E_v the rows of its velocity, x+ = A x + B u + (E_v - A E_v) w and p+ = p + C x + D u + (h - C E_v) w. A hull
+rights itself to the surface, so the same is true for a slope s, with E_s the attitude normal to it:
 x+ = A x + (E_s - A E_s) s and p+ = p + C x - C E_s s. Heave is left out. A boat that holds no heading turns along the
-waves, within minutes, by an effect of second order that the linear vehicle does not have: it is taken as turned.
+waves within minutes, by a second-order effect that the linear vehicle does not have, so it is assumed to have turned.
 """
 
 import math
@@ -74,13 +74,13 @@ MAX_STATES = 400
 """Largest number of states of the loop for which the error is predicted."""
 
 WIND_ON_TARGETS = "the drift of targets in the wind"
-"""What a prediction leaves out where wind moves q*: then it foresees no error."""
+"""Entry of `leaves_out` if wind moves q*; the prediction is then not used."""
 
 
 class SteadyError(Record):
     """Tracking error that the linear loop predicts from the initial positions, over the second half of the run.
 
-    Of a run with events it is about the time before the first of them.
+    For a run with events it covers the time before the first of them.
     """
 
     ideal: Finite = Field(description="on ideal kinematics, m; null: see reason")
@@ -88,19 +88,19 @@ class SteadyError(Record):
     norm: Norm = Field(PER_AGENT_RMS, description="which norm the errors are")
     exact_links: bool = Field(description="true if links are exact; if not, the prediction is as if they were")
     limited: list[str] = Field(description="agents whose predicted commands exceed their speed limits in that half")
-    leaves_out: list[str] = Field([], description="what acts in the run and is not in the prediction")
+    leaves_out: list[str] = Field([], description="effects in the run that are not in the prediction")
     reason: str = Field(description="why there is no prediction on ideal kinematics, or empty")
     reason_on_bodies: str = Field(description="why there is none on the vehicles, or empty")
 
 
 class _Path(NamedTuple):
-    """Inputs of the loop at the samples from which it is followed.
+    """Inputs of the loop at K + 1 samples of the path.
 
     Attributes:
-        initial: Positions of the agents there, shape (n_q,), m: at q* unless the run starts there.
+        initial: Positions of the agents at the first of them, shape (n_q,), m: at q* unless the run starts there.
         q_star: Harmonic extension, shape (K + 1, n_q), m.
         flow: Velocity of the medium at q* over each period, shape (K, n_q), m/s.
-        counted: Number of samples at the end that count.
+        counted: Number of samples at the end over which errors are averaged.
     """
 
     initial: Array
@@ -121,7 +121,7 @@ def steady_error(
 
     Args:
         system: System of the run.
-        certificate: Certificate of the system, which knows the targets' path.
+        certificate: Certificate of the system, with the targets' path.
         rate: Slowest decay of the loop, 1/s; None if it is not known.
         notable: Fraction of the error; effects that may be larger are named.
     """
@@ -137,7 +137,7 @@ def steady_error(
         require_model(system)
         path = _path_of(system, certificate, rate)
         ideal, speed, places = _follow(system, certificate, system.law, ideal_team(system), limit, path)
-        # The difference in steady flow between the places and q*, m/s, and what is left of the initial error, m; RMS.
+        # Difference in steady flow between the positions and q*, m/s, and remaining initial error, m; both RMS.
         difference = agent_flow(system, places) - agent_flow(system, path.q_star[-path.counted :])
         shear = float(np.sqrt((difference**2).sum(axis=1).mean() / len(limit)))
         begins = system.grid.period * (len(path.q_star) - path.counted)
@@ -192,8 +192,8 @@ def _path_of(
     rate: float | None,
     *,
     most: int = 4_000_000,  # samples times states
-    decays: float = 12.0,  # times 1 / rate before the second half from which it is followed, if no speed is limited
-    gauss: float = 0.5 / math.sqrt(3.0),  # of a period, from its middle, where its mean is taken by Gauss and Legendre
+    decays: float = 12.0,  # start before the second half, in units of 1 / rate, if no speed is limited
+    gauss: float = 0.5 / math.sqrt(3.0),  # nodes of Gauss and Legendre, from the middle of a period, in periods
 ) -> _Path:
     """Return the inputs of the loop along the targets' path.
 
@@ -248,7 +248,7 @@ def _follow(
     limit: Array,
     path: _Path,
 ) -> tuple[float, Array, Array]:
-    """Follow the loop along a path.
+    """Simulate the loop along a path.
 
     Args:
         system: The system.
@@ -259,8 +259,8 @@ def _follow(
         path: Inputs of the loop.
 
     Returns:
-        The RMS error over agents and the samples that count, m, the speeds that the law commands, before limits, at all
-        samples but the last, shape (K, N), m/s, and the positions at the samples that count, shape (counted, n_q), m.
+        The RMS error over agents and the counted samples, m; the speeds that the law commands, before limits, at all
+        samples except the last, shape (K, N), m/s; and the positions at the counted samples, shape (counted, n_q), m.
 
     Raises:
         UndecidedError: The loop has too many states, or is unstable.
@@ -285,13 +285,13 @@ def _follow(
     q_star = path.q_star - path.q_star[0]
     s = q_star @ H.T
     carried = system.grid.period * path.flow
-    seen = np.vstack([0.0 * carried[:1], carried])  # over the period before, as an agent knows it
-    inputs = np.hstack([-s, s, 0.0 * s, seen])[:-1]  # s is an error of eta, and what sensing edges report
+    seen = np.vstack([0.0 * carried[:1], carried])  # over the previous period, as odometry reports it
+    inputs = np.hstack([-s, s, 0.0 * s, seen])[:-1]  # s is an error of eta, and the measurement of sensing edges
     pushed = inputs @ loop.B.T
     pushed[:, :n] += carried
     followed = np.zeros((len(inputs) + 1, size))
     followed[0, :n] = path.initial - path.q_star[0]
-    copied = ~law.A.any(axis=1)  # what the next sample compares with; before the first, nothing has moved
+    copied = ~law.A.any(axis=1)  # stored measurements; before the first sample, nothing has moved
     followed[0, len(moved) :][copied] = law.B[copied, :n] @ followed[0, :n]
     agent = np.repeat(np.arange(len(limit)), [member.dimension for member in system.team.agents])
     speed = np.empty((len(inputs), len(limit)))
@@ -320,7 +320,7 @@ _MOST_STATES = 300
 
 
 class DisturbanceRecord(Record):
-    """RMS errors |q - q*| that gusts and waves leave once the loop has settled; what is steady is not in them."""
+    """RMS errors |q - q*| due to gusts and waves in steady state; constant errors are not included."""
 
     rms: Finite = Field(description="RMS over agents, on ideal kinematics, m; null: see reason")
     agents: dict[str, Finite] = Field(description="RMS of each agent on ideal kinematics, m")
@@ -328,15 +328,15 @@ class DisturbanceRecord(Record):
     norm: Norm = Field(PER_AGENT_RMS, description="which norm `rms` is")
     carried_off: dict[str, float] = Field(
         {},
-        description="agents that cannot hold station at times: by how much the medium's speed, its mean and twice its "
-        "RMS, exceeds the vehicle's steady speed in its slowest direction, m/s",
+        description="agents that cannot hold station at times: excess of the medium's speed, its mean plus twice its "
+        "RMS, over the vehicle's steady speed in its slowest direction, m/s",
     )
     clipped: dict[str, float] = Field(
         {},
         description="vehicles that begin below or above the altitudes for which the model of the gusts holds: altitude "
         "of the gusts that they meet, m",
     )
-    leaves_out: list[str] = Field([], description="what acts in the run and is not in the prediction")
+    leaves_out: list[str] = Field([], description="effects in the run that are not in the prediction")
     reason: str = Field("", description="why it is not known, or empty")
     bodies_reason: str = Field("", description="why it is not known on bodies, or empty")
 
@@ -348,7 +348,7 @@ class DisturbanceRecord(Record):
 
 
 class _Loop(NamedTuple):
-    """A loop and how the medium enters it.
+    """A loop with its inputs from the medium.
 
     Attributes:
         M: Map of the states from one sample to the next, shape (S, S).
@@ -356,7 +356,7 @@ class _Loop(NamedTuple):
             along x and y, side by side, shape (S, 3 n_q), s, s and 1.
         shown: Rows that give the error, shape (n_q, S).
         period: Time between samples, s.
-        continuous: Eigenvalues k1 lambda of a continuous law and their vectors; None where it is held.
+        continuous: Eigenvalues k1 lambda of a continuous law and their vectors; None if the law is held.
     """
 
     M: Array
@@ -366,9 +366,9 @@ class _Loop(NamedTuple):
     continuous: tuple[Array, Array] | None = None
 
     def response(self, rate: float, *, of_wave: bool) -> Complex:
-        """Return E of the inputs at a frequency, rad/s, shape (n_q, 3 n_q), s and m.
+        """Return the response E to the inputs at a frequency, rad/s, shape (n_q, 3 n_q), s and m.
 
-        That is by means over a period, or by the velocity of a wave at the middle of a period.
+        Inputs are means over a period or, with `of_wave`, the velocity of a wave at the middle of a period.
         """
         if of_wave and self.continuous is not None:
             values, vectors = self.continuous
@@ -384,7 +384,7 @@ class _Line(NamedTuple):
     """A frequency of a spectrum.
 
     Attributes:
-        rate: rad/s.
+        rate: Frequency, rad/s.
         weight: Weight of the squares of the errors.
         velocity: Velocities of the medium about all vehicles by each of S random amplitudes, shape (S, V, 3), m/s.
         slope: Slopes of the surface about them, of a wave; None of a gust, which is held over a period.
@@ -409,7 +409,7 @@ def predict_rms(
         system: The system.
         spectrum: Spectrum of H.
         medium: Mean velocity of the medium that the agents' vehicles meet, shape (N, 3), m/s.
-        steep: Significant height over the peak's wave length, beyond which drift in groups adds some percent.
+        steep: Significant height over the wavelength of the peak, above which slow drift in groups adds a few percent.
     """
     ids = system.team.agent_ids
     if not any(flow.gusts is not None or flow.waves is not None for flow in system.flows):
@@ -453,7 +453,7 @@ def predict_rms(
 
 
 def _carried_off(system: System, medium: Array) -> dict[str, float]:
-    """Return by how much the medium is too fast at times for each agent for which it is, m/s."""
+    """Return the excess of the medium's speed, m/s, for each agent for which it is too fast at times."""
     variance = np.zeros(len(system.field))
     for number, flow in enumerate(system.flows):
         if flow.waves is not None:
@@ -473,7 +473,7 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
 
 
 def _require_known(system: System) -> None:
-    """Raise an UndecidedError unless the law's loop is all that answers to the medium."""
+    """Raise an UndecidedError unless the response to the medium is that of the law's loop alone."""
     require_model(system)
     terms = system.law.terms
     links = system.law.links.table
@@ -498,7 +498,7 @@ def _require_one_side(system: System) -> None:
     """Refuse waves if a vehicle in space passes through their surface, where the velocity that it meets jumps.
 
     Raises:
-        UndecidedError: A target or an agent's q* does, or it is not known whether one does.
+        UndecidedError: A target or an agent's q* does, or that is not known.
     """
     waves = any(flow.waves is not None for flow in system.flows)
     if not waves or system.planar.all():
@@ -531,7 +531,7 @@ def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
 
 
 def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
-    """Return the loop of the agents' vehicles, those that hold no heading turned along the waves, the shorter way."""
+    """Return the loop of the agents' vehicles; those without heading hold are turned along the waves."""
     if system.grid.continuous and of_kind(system.moving, GustArrays) + of_kind(system.moving, FrozenArrays):
         raise UndecidedError("the law is continuous, and gusts are held")
     heading = system.bodies.heading.copy()
@@ -577,9 +577,9 @@ def _rms(
     loop: _Loop,
     tau: Array,
     *,
-    neutral: float = 1.0 + 1e-6,  # of a heading that nothing holds, rounded
+    neutral: float = 1.0 + 1e-6,  # largest eigenvalue of a heading that nothing holds, with rounding
 ) -> Array:
-    """Return the RMS of each agent, shape (N,), m; `tau` is how slowly each target follows the medium, (M,), s."""
+    """Return the RMS of each agent, shape (N,), m; `tau` (M,) are the targets' time constants in the medium, s."""
     if np.abs(np.linalg.eigvals(loop.M)).max() >= neutral:
         raise UndecidedError("the loop is not stable")
     carrier = Carrier(system)
@@ -595,7 +595,7 @@ def _rms(
 
 
 def _answer_of_targets(system: System, loop: _Loop, tau: Array, rate: float) -> Complex:
-    """Return how targets follow the medium at a frequency, rad/s: their pull holds them, and bodies lag, shape (M,)."""
+    """Return the response of targets to the medium at a frequency, rad/s, with pull and the lag of bodies, (M,)."""
     pull = system.motion.pull[len(system.team.agents) :]
     lag = 1.0 + 1j * rate * tau
     if loop.continuous is not None:
@@ -609,7 +609,7 @@ def _answer_of_targets(system: System, loop: _Loop, tau: Array, rate: float) -> 
 
 
 def _lines(system: System, period: float) -> Iterator[_Line]:
-    """Yield the frequencies of all that moves in the medium; samples have a period, s."""
+    """Yield the spectral lines of all moving parts of the medium, for a sample period in s."""
     agents = system.team.harmonic_extension(system.initial)
     places = np.concatenate([np.nan_to_num(agents), system.initial[len(agents) :]])
     for number, flow in enumerate(system.flows):
@@ -624,7 +624,7 @@ def _lines(system: System, period: float) -> Iterator[_Line]:
             slope = np.zeros_like(velocity)
             slope[:, :2] = -1j * (steep[j] * phase)[:, None] * unit
             yield _Line(rate, 0.5, velocity[None], slope[None])
-    for gusts in of_kind(system.moving, GustArrays):  # of each vehicle's own
+    for gusts in of_kind(system.moving, GustArrays):  # separate for each vehicle
         met = np.flatnonzero(gusts.met)
         for angle, weight in _angles(gusts.filter):
             velocity = np.zeros((len(met), 3, len(gusts.met), 3), dtype=np.complex128)
@@ -659,8 +659,8 @@ def _speeds(system: System, waves: Components, number: int, height: Array) -> tu
 def _angles(
     gusts: Filter,
     *,
-    count: int = 240,  # of the spectra of gusts, evenly in the logarithm
-    lowest: float = 1e-3,  # of the slowest rate of gusts and loop
+    count: int = 240,  # number of frequencies, evenly spaced in the logarithm
+    lowest: float = 1e-3,  # lowest frequency, as a fraction of the slowest rate of gusts and loop
 ) -> Iterator[tuple[float, float]]:
     """Yield angles from 0 to pi and the weight of each: the integral of |E|^2 S over both signs, over 2 pi."""
     slowest = 1.0 - float(gusts.transition.diagonal(axis1=1, axis2=2).max())  # part that decays in a period

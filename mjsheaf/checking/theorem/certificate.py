@@ -69,9 +69,9 @@ class Assumption(Record):
     number: int
     name: str
     verdict: Verdict
-    holds: bool | None = Field(description="null where it is undecided or does not apply")
+    holds: bool | None = Field(description="null if it is undecided or does not apply")
     applies: bool = Field(
-        description="false where it is about other teams, or gusts are Gaussian; then it does not count in `ok`"
+        description="false if it is about other teams, or gusts are Gaussian; then it does not count in `ok`"
     )
     value: Finite
     unit: str
@@ -79,7 +79,7 @@ class Assumption(Record):
 
     @property
     def failure(self) -> str:
-        """Why it does not hold, in a sentence; empty where it holds."""
+        """Reason why it does not hold, in a sentence; empty if it holds."""
         word = {"holds": "", "fails": "fails", "undecided": "is undecided"}.get(self.verdict, self.verdict)
         return word and f"assumption {self.number} {word}: {self.witness}"
 
@@ -119,15 +119,15 @@ class Certificate:
 
     @cached_property
     def largest_speed(self) -> float:
-        """A bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
+        """Bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
         return speed_everywhere(self.region.tube.system)
 
     def bound(self, initial_error: float, elapsed: Array) -> Array:
-        """The bound on |e(t)| in m from |e(t0)| in m, at times since the start in s; infinite where there is none."""
+        """Return the bound on |e(t)|, m, from |e(t0)|, m, at times since the start, s; infinite if there is none."""
         return self._bound(self.theorem, initial_error, elapsed)
 
     def at_end(self, elapsed: float) -> float:
-        """The smaller of this bound and the weaker one at a time since the start, s; infinite where neither holds."""
+        """Return the smaller of this bound and the weaker one, m, at a time since the start, s; infinite without."""
         start, time = self.constants.initial_error, np.array(elapsed)
         weaker = self._bound(self.weaker, start, time) if self.region.verified and not self.obstacle else np.inf
         return float(min(weaker, self.bound(start, time) if self.applies else np.inf))
@@ -147,10 +147,10 @@ def certify(
     """Decide what the theory says of a system.
 
     Args:
-        system: the system.
-        rate: lambda_V in 1/s; None takes the best.
-        rho: the user's own bound of the agents' slopes, for all |e|; None takes the flow's over the region.
-        initial_error: a bound on |e(t0)| in m, infinite where there is none; None takes that of the initial positions.
+        system: The system.
+        rate: lambda_V, 1/s; None selects the best.
+        rho: User's bound on the agents' slopes, for all |e|; None uses the flow's bound over the region.
+        initial_error: Bound on |e(t0)|, m; infinite without one; None uses that of the initial positions.
     """
     return certificate_of(Search(system, rate, rho, initial_error))
 
@@ -245,9 +245,9 @@ class Search:
     def region(
         self,
         *,
-        worth: float = 0.98,  # of the weaker bound's radius: a smaller region is taken below it
+        worth: float = 0.98,  # largest ratio of radii at which the tube is computed again
     ) -> Region:
-        """The region, narrow where a bound confines the agents to it, a guess where none does."""
+        """Return the region: a tube to which a bound confines the agents, or a guess if no bound does."""
         if self.constants.path.cells is None:
             return self._guess(f"the targets' path is not known: {self.constants.path.warning}")
         if self.spectrum.lambda_min <= 0.0:
@@ -267,7 +267,7 @@ class Search:
         return Region(tube, "a tube about q* as wide as the weaker bound", True, tube.slope)
 
     def weaker(self, speed: float) -> Theorem:
-        """The bound with rho = 0, where f~ = f_q(q*) - f_q(q) is at most twice the flow's speed for each agent."""
+        """Return the bound with rho = 0; f~ = f_q(q*) - f_q(q) is at most twice the flow's speed for each agent."""
         c, gain = self.constants, self.system.gain
         f_bar = c.difference.bound + c.level.f_bar + 2.0 * np.sqrt(len(self.system.team.agents)) * speed
         return theorem_1(gain, self.spectrum.lambda_min, f_bar, c.level.omega_bar, 0.0, None, c.initial_error)
@@ -283,9 +283,9 @@ class Search:
         rate: float | None,
         *,
         rounds: int = 30,  # of the search for a rho that holds over its own tube
-        step: float = 1.02,  # the next rho that is tried, over the slope in the last tube
+        step: float = 1.02,  # next rho that is tried, relative to the slope in the last tube
     ) -> Region | None:
-        """The tube of Theorem 1's own bound, with a rho that holds over it; None where none is found."""
+        """Return the tube of Theorem 1's own bound, with a rho that holds over it; None if none is found."""
         slope = 0.0
         for _ in range(rounds):
             theorem = self.theorem(self.rho or slope, rate)
@@ -315,7 +315,7 @@ class Search:
         *,
         wider: float = 1.0 + 1e-6,
     ) -> Tube:
-        """The tube of a bound; under a hold as wide everywhere as it is at most."""
+        """Return the tube of a bound; under a hold, its radius is the largest one throughout."""
         path, start = self.constants.path, self.constants.initial_error
 
         def radius(time: Array) -> Array:
@@ -331,7 +331,7 @@ class Search:
 
 
 def _gain_condition(theorem: Theorem, initial_error: float, rate: float | None, region: Region) -> str:
-    """Why the gain condition fails or the error begins outside S, or an empty string if neither is so."""
+    """Return why the gain condition fails, or the error begins outside S; empty if neither is the case."""
     rho = theorem.rho(initial_error)
     start = f"the initial error of {initial_error:.4g} m"
     constant = theorem.rho.constant
@@ -348,7 +348,7 @@ def _gain_condition(theorem: Theorem, initial_error: float, rate: float | None, 
 
 
 def obstacle_of_team(team: Team) -> str:
-    """Why Theorem 1 does not apply to a team at all; or empty."""
+    """Return why Theorem 1 does not apply to a team at all; or empty."""
     if team.directed:
         return "does not apply: H is not symmetric, as communication edges are directed"
     if team.free:
@@ -359,7 +359,7 @@ def obstacle_of_team(team: Team) -> str:
 
 
 def obstacle_of_law(system: System) -> str:
-    """Why no bound of the continuous, unlimited law holds at any gain: links, rank of g, the targets' law; or empty."""
+    """Return why no bound of the continuous, unlimited law holds at any gain (links, rank of g, targets); or empty."""
     if len(system.law.links.table):
         return "links are not exact: the theorem's agents measure everything at once, without error"
     return obstacle_of_rank(system) or targets_loop(system).failure
@@ -373,7 +373,7 @@ def obstacle_of_rank(system: System) -> str:
 
 
 def obstacle_of_gain(system: System, constants: Constants, spectrum: Spectrum, bound: Theorem) -> str:
-    """Why no bound of the continuous, unlimited law holds at this gain: a hold, a limit, a filter; or empty."""
+    """Return why no bound of the continuous, unlimited law holds at this gain (hold, limit, filter); or empty."""
     if not system.grid.continuous:
         product = system.gain * system.grid.period * spectrum.lambda_max
         if product >= 1.0:
@@ -400,19 +400,19 @@ def gain_for_wanted_radius(
 
         y' = -2 lambda_V y + 2 mu,    y = |e|^2,    lambda_V = k lambda_min / 2 - rho,    mu = d^2 / (2 k lambda_min)
 
-    is below the same with a smaller gain k and the same rho. So doubling finds a gain that gives the radius, and halves
-    the smallest one. That only guides the search: computed slopes are upper bounds that need not be monotone, and the
-    gain that is returned was certified with its own region, as `check` would at that gain.
+    is below the solution with a smaller gain k and the same rho. So doubling finds a gain that gives the radius, and
+    bisection the smallest one. This only guides the search: computed slopes are upper bounds and need not be monotone.
+    The gain that is returned was certified with its own region, as `check` does at that gain.
 
     Args:
-        search: Search of the system; the best rate at each gain takes the place of its own.
+        search: Search of the system; its rate is replaced by the best one at each gain.
         certificate: Certificate at the system's gain.
         radius: Desired radius, m.
         accuracy: Ratio of the result to the largest gain known to be too small.
         doublings: Largest number of doublings.
 
     Returns:
-        The smallest k1 that was found, 1/s, None without any; and the reason for None, or empty.
+        The smallest k1 that was found, 1/s, or None; and the reason for None, or empty.
     """
     c, spectrum = certificate.constants, certificate.spectrum
     obstacles = [obstacle_of_law(search.system), *(a.failure for a in certificate.assumptions[1:])]
@@ -432,7 +432,7 @@ def gain_for_wanted_radius(
 
     rho = search.rho or c.moving.slope  # at least that of any region
     low = least_gain(radius, spectrum.lambda_min, c.f_bar, c.moving.omega_bar, rho, c.initial_error)
-    low = low or search.system.gain  # any gain does where nothing moves
+    low = low or search.system.gain  # any gain is large enough if nothing moves
     high = low * (1.0 + 1e-9)  # it may miss its radius by rounding
     for _ in range(doublings):
         if not np.isfinite(high) or gives(high):
@@ -456,7 +456,7 @@ def gain_for_wanted_radius(
 def _decide(
     system: System, region: Region, confined: bool, constants: Constants, cohomology: RelativeCohomology
 ) -> list[Assumption]:
-    """Decide all seven assumptions over a region. `confined` states whether the agents provably stay in it."""
+    """Decide all seven assumptions over a region; `confined` is True if the agents provably stay in it."""
     smooth, (rank, inverse) = _smooth(system, region, confined, constants), _rank_and_inverse(system)
     trivial: Finding = "does not apply", None, "", "the team has no targets and no anchors: see rigidity"
     if not system.team.free:
@@ -491,7 +491,7 @@ def _decide(
 
 
 def _bounded(system: System, largest: float) -> Finding:
-    """Decide: sums of sines, waves, tides and files are bounded; gusts are Gaussian, and no bound is claimed."""
+    """Decide the bound of disturbances: sums of sines, waves, tides and files have one; Gaussian gusts have none."""
     gusts = np.flatnonzero(~np.isfinite(system.largest_disturbance))
     if len(gusts):
         who = _first([system.team.members[v].id for v in gusts], 6)
@@ -503,7 +503,7 @@ def _bounded(system: System, largest: float) -> Finding:
 
 
 def _smooth(system: System, region: Region, confined: bool, constants: Constants) -> Finding:
-    """A singularity with a core is smooth everywhere; without one it matters where an agent can reach its centre."""
+    """Decide smoothness: singularities with a core are smooth; without one, only if agents cannot reach the centre."""
     N, V, rho, path = len(system.team.agents), len(system.team.members), region.rho, constants.path
     near = f"near ({', '.join(f'{x:.3g}' for x in rho.where)})"
     if _has_poles(system, N, V) and path.cells is None:
@@ -537,9 +537,9 @@ def _has_poles(system: System, first: int, last: int) -> bool:
 
 
 def _rank_and_inverse(system: System) -> tuple[Finding, Finding]:
-    """Of the g that the scenario gives for the ideal backend; of agents without one, that of the reduced model.
+    """Decide rank and pseudo-inverse of g: the scenario's for the ideal backend, or else that of the reduced model.
 
-    g = R W with a rotation R: its singular values are those of W, wherever the agent is.
+    g = R W with a rotation R, so its singular values are those of W at any position.
     """
     vehicles = dict(zip(system.bodies.vehicle, system.vehicles, strict=True))
     given, agents = system.effectiveness.given, system.team.agents

@@ -1,9 +1,9 @@
 """The constants of Theorem 1 over a run: f_bar along the targets' path, and rho over a tube that holds the agents.
 
 f_B = H^-1 B f_p(p, t) - f_q(q*) along the targets' path is the theorem's bounded difference. Its largest norm is
-bounded over each of the cells that cover the path (see `targets`), cut into parts where that helps. Over a cell in
-which p_k moves by at most r_k about a centre and f_p,k by at most s_k, with |K_ik| the norms of the blocks of
-K = H^-1 B,
+bounded over each of the cells that cover the path (see `targets`), which are cut into parts if that helps. Let |K_ik|
+be the norms of the blocks of K = H^-1 B. Over a cell with p_k within r_k of a centre and f_p,k within s_k of its value
+there,
 
     |q*_i - centre| <= R_i = sum_k |K_ik| r_k,
     |f_B,i - f_B,i at the centre| <= sum_k |K_ik| s_k + R_i sup |df_i/dq| over that ball.
@@ -13,23 +13,24 @@ velocity H^-1 (B p' + c'), with c' constant. The proof of the theorem uses e' = 
 
     f_B = H^-1 B f_p(p, t) + H^-1 c' - f_q(q*).
 
-Over a cell of duration h, q*_i is within h |(H^-1 c')_i| / 2 of where it is at mid-time, which R_i includes.
+Over a cell of duration h, q*_i is within h |(H^-1 c')_i| / 2 of its position at mid-time, which R_i includes.
 
 As long as |e(t)| <= R(t), each agent is within R(t) of its q*_i(t). So bounds on the flow's slope and speed over the
 tube of that radius about q* hold along the run.
 
-What moves in the medium is bounded in one of two ways. As a disturbance, it adds its largest speed S to omega_bar_i.
-But it is mostly one flow w(x, t) for all vehicles of a set, and only its differences move e. With E_q and E_p the maps
-that give each agent and target of the set the same velocity, c any place, and L the largest norm of the Jacobian of w,
+Moving parts of the medium are bounded in one of two ways. As a disturbance, a part adds its largest speed S to
+omega_bar_i. But usually it is one flow w(x, t) for a set of vehicles, and only its differences move e. With E_q and E_p
+the maps that give each agent and target of the set the same velocity, c any point, and L the largest norm of the
+Jacobian of w,
 
     K w(p, t) - w(q, t) = (K E_p - E_q) w(c, t) + K d_p - d_q + (w(q*, t) - w(q, t)),
     |d_k| <= L |x_k - c| at p_k and q*_k,    |w(q*, t) - w(q, t)| <= L |e|,
 
-so that it adds sigma S + L D to f_bar and L to rho, with sigma the norm of K E_p - E_q and D a bound on
-|K (x_p - c) - (x_q* - c)| by the norms of K's blocks, along the path. sigma is 0 where all meet the flow: a tide alone
-moves the whole team and no error. A grid is continued beyond its box by the value at the nearest point, which keeps S
-and L. Nothing else is used of w: the proof of the theorem holds as it is. Each flow is bounded in the way that makes
-the ultimate radius smaller.
+so it adds sigma S + L D to f_bar and L to rho, with sigma the norm of K E_p - E_q and D a bound on
+|K (x_p - c) - (x_q* - c)| by the norms of K's blocks, along the path. sigma is 0 if all vehicles meet the flow: a tide
+moves the whole team and changes no error. A grid is continued outside its box by the value at the nearest point, which
+keeps S and L. No other property of w is used, so the proof of the theorem is unchanged. Each flow is bounded in the way
+that makes the ultimate radius smaller.
 """
 
 from collections.abc import Callable
@@ -52,12 +53,12 @@ from mjsheaf.media.medium import Parts, bounds_of, moving_along, undisturbed
 from mjsheaf.media.varying import VaryingArrays, evaluate
 from mjsheaf.media.waves import WaveArrays
 
-_PARTS = 4  # into which a cell is cut
+_PARTS = 4  # number of parts into which a cell is cut
 _MOST_NUMBERS = 8_000_000  # of f_B over cells that were cut
 _ROUNDING = 1e-9
 _MOST_SPANS = 32  # of time
 FARTHEST = 1e12
-"""m: a box of this size stands for the whole space."""
+"""Size of a box that stands for the whole space, m."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +66,12 @@ class Difference:
     """f_B along the targets' path.
 
     Attributes:
-        bound: never exceeded by |f_B| along the path, m/s; infinite where the path is not known or meets a singularity.
-        time: about when it is largest, s.
+        bound: Bound on |f_B| along the path, m/s; infinite if the path is not known or meets a singularity.
+        time: Time near which |f_B| is largest, s.
         carried, own, values: H^-1 (B f_p + c'), f_q(q*) and f_B at the path's own instants, stacked, shape (T, n_q),
             m/s.
-        shaken: H^-1 B omega_p there, what the targets' disturbances ask of the agents, less what moves in the medium
-            that the agents meet at q*, m/s.
+        shaken: H^-1 B omega_p there, the velocity of q* due to the targets' disturbances, minus the velocity of the
+            moving parts of the medium at q*, m/s.
     """
 
     bound: float
@@ -92,7 +93,7 @@ def difference_along(system: System, path: TargetPath, carrier: Carrier) -> Diff
 
 
 def velocities_along(system: System, path: TargetPath, carrier: Carrier) -> tuple[Array, Array, Array]:
-    """Return H^-1 (B f_p + c'), f_q(q*), and what disturbances add to their difference; see `Difference`.
+    """Return H^-1 (B f_p + c'), f_q(q*), and the contribution of disturbances to their difference; see `Difference`.
 
     The first is NaN if the change of linearised edges is not known.
     """
@@ -113,15 +114,16 @@ def _largest(
     carrier: Carrier,
     *,
     rounds: int = 10,  # of cuts
-    gap: float = 1e-3,  # relative, between the bound and an attained value, and that a round of cuts has to gain
+    gap: float = 1e-3,  # relative gap of the bound to an attained value, and smallest relative gain of a round
     size: int = 1024,  # cells that are bounded at once
 ) -> tuple[float, float]:
     """Return a bound on |f_B| over cells, m/s, and a time near which it is attained, s.
 
-    Every round bounds |f_B| over each cell, and its value at the cell's centre from below. Cells whose bound is at most
-    slightly above the largest such value need no more; the others are cut into equal parts of their segments. Parts
-    cover what the whole covers, so the largest bound of any round, with those of the cells that were left out before,
-    holds over all the path. Rounds end where they no longer lower it: what remains is the cells' own spread.
+    Every round bounds |f_B| over each cell from above, and its largest value by that at the cell's centre from below.
+    Cells whose bound is at most slightly above the largest such value are not cut again. The others are cut into equal
+    parts of their segments. The parts cover the cell, so the largest bound of any round, including those of the cells
+    set aside earlier, holds over the whole path. Rounds end when they no longer lower it; the remaining gap is due to
+    the spread of the cells.
     """
     bound, closed, attained, time = np.inf, 0.0, 0.0, float(cells.begin[0])
     most = max(_MOST_NUMBERS // system.team.dirichlet.H.shape[0], len(cells.begin))
@@ -192,7 +194,7 @@ def coarser(cells: Cells, most: int) -> tuple[Array, Array, Array, Array]:
 
 
 def agent_flow(system: System, q: Array) -> Array:
-    """f_q at stacked agent states (T, n_q): the flow that agents meet, stacked; shape (T, n_q), m/s."""
+    """Return f_q, the flow that agents meet, at stacked agent states (T, n_q), m; stacked, shape (T, n_q), m/s."""
     spread = system.team.unpack(q)
     w = np.zeros_like(spread)
     for field, own in _agents_by_field(system):
@@ -216,7 +218,7 @@ def flow_over_periods(system: System, middle: Array, first: int) -> Array:
 
 
 def agent_motion(system: System, time: Array, q: Array, without: tuple[type, ...] = ()) -> Array:
-    """Evaluate what moves in the medium where agents are, without disturbances.
+    """Evaluate the moving parts of the medium at the agents, without disturbances.
 
     Args:
         system: The system.
@@ -237,7 +239,7 @@ def agent_motion(system: System, time: Array, q: Array, without: tuple[type, ...
 
 
 def agent_slopes(system: System, q: Array, radii: Array) -> Array:
-    """Bounds on |df_i/dq| over balls of radii (T, N) about stacked agent states (T, n_q), shape (T, N), 1/s."""
+    """Bound |df_i/dq| over balls of radii (T, N), m, about stacked agent states (T, n_q), m; shape (T, N), 1/s."""
     spread, slopes = system.team.unpack(q), np.empty(radii.shape)
     for field, own in _agents_by_field(system):
         slopes[:, own] = bound_slopes(system.flows[field], spread[:, own], radii[:, own])
@@ -245,25 +247,25 @@ def agent_slopes(system: System, q: Array, radii: Array) -> Array:
 
 
 def _agents_by_field(system: System) -> list[tuple[int, IntArray]]:
-    """Each flow field that agents meet, and the agents that meet it."""
+    """Return each flow field that agents meet, and the agents that meet it."""
     fields = system.field[: len(system.team.agents)]
     return [(int(field), np.flatnonzero(fields == field)) for field in np.unique(fields)]
 
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """Boxes that hold the N agents of a system over S spans of time, by their corners, shape (S, N, 3), m."""
+    """Boxes that contain the N agents of a system over S spans of time, by their corners, shape (S, N, 3), m."""
 
     system: System
     low: Array
     high: Array
 
     def corners(self) -> tuple[Array, Array]:
-        """The corners of one box that holds all, shape (3,) each, m."""
+        """Return the corners of one box that contains all, shape (3,) each, m."""
         return self.low.min(axis=(0, 1)), self.high.max(axis=(0, 1))
 
     def joined(self) -> "Tube":
-        """One box that holds all, for every agent."""
+        """Return a tube with one box that contains all, for every agent."""
         low, high = (np.tile(corner, (1, self.low.shape[1], 1)) for corner in self.corners())
         return Tube(self.system, low, high)
 
@@ -288,12 +290,12 @@ class Tube:
 
 
 class Moving(NamedTuple):
-    """Bounds of what moves in the medium: see the module.
+    """Bounds of the moving parts of the medium: see the module.
 
     Attributes:
-        f_bar: What it adds to f_bar, m/s.
-        omega_bar: Bound on |Delta| by all that is a disturbance, m/s.
-        slope: What it adds to rho, 1/s.
+        f_bar: Contribution to f_bar, m/s.
+        omega_bar: Bound on |Delta| by all parts that are treated as disturbances, m/s.
+        slope: Contribution to rho, 1/s.
     """
 
     f_bar: float
@@ -302,7 +304,7 @@ class Moving(NamedTuple):
 
 
 def bound_moving(system: System, path: TargetPath, carrier: Carrier, spectrum: Spectrum, f_bar: float) -> list[Moving]:
-    """Bound what moves in the medium in the better way for each flow, with and without what adds to rho.
+    """Bound the moving parts of the medium, each flow in the better way, with and without contributions to rho.
 
     Args:
         system: The system.
@@ -312,7 +314,7 @@ def bound_moving(system: System, path: TargetPath, carrier: Carrier, spectrum: S
         f_bar: f_bar by the steady flow, m/s.
 
     Returns:
-        The bounds with what adds to rho, and those without.
+        The bounds with contributions to rho, and those without.
     """
     N, V = len(system.team.agents), len(system.field)
     rate = system.gain * spectrum.lambda_min
@@ -322,7 +324,7 @@ def bound_moving(system: System, path: TargetPath, carrier: Carrier, spectrum: S
     bounds = np.array([_bound_shared(system, path, carrier, piece) for piece in pieces]).reshape(-1, 2)
 
     def sharing(shared: list[int]) -> Moving:
-        """Bound all, with the pieces of these numbers as flows that vehicles share."""
+        """Bound all parts, with the pieces of these numbers as flows that vehicles share."""
         rest = (*others, *(piece for k, piece in enumerate(pieces) if k not in shared))
         speeds = varying.bounds(system.harmonics) + bounds_of(rest, V).speed
         largest = float((speeds if shared else system.largest_disturbance).max(initial=0.0))
@@ -351,8 +353,8 @@ def _pieces_of(parts: Parts) -> tuple[Parts, Parts]:
     """Split parts into pieces that add up to them.
 
     Returns:
-        Pieces that are one continuous flow of time and place for all who meet them, and all others: gusts, files with
-        land, and waves as vehicles in space meet them, below the surface alone.
+        Pieces that are one continuous flow of time and place for all vehicles that meet them, and all others: gusts,
+        files with land, and waves for vehicles in space, which meet them only below the surface.
     """
     shared: list[Any] = []
     others: list[Any] = []
@@ -406,14 +408,14 @@ def _bound_shared(system: System, path: TargetPath, carrier: Carrier, piece: Any
 
 @dataclass(frozen=True)
 class Constants:
-    """The constants of a system, but for those of a region.
+    """The constants of a system, except for those of a region.
 
     Attributes:
-        path: the targets' path and the harmonic extension along it.
+        path: Path of the targets, with the harmonic extension along it.
         difference: f_B along the targets' path; its bound is f_bar.
-        largest_disturbance: largest omega_bar_i, m/s.
-        moving: Bounds of what moves in the medium.
-        level: The same without anything that adds to rho, for the bound with rho = 0.
+        largest_disturbance: Largest omega_bar_i, m/s.
+        moving: Bounds of the moving parts of the medium.
+        level: The same without contributions to rho, for the bound with rho = 0.
         initial_error: |e(t0)|, m.
     """
 
@@ -432,10 +434,10 @@ class Constants:
 
 @dataclass(frozen=True)
 class Region:
-    """Region in which the theory keeps a run.
+    """Region in which a run stays according to the theory.
 
     Attributes:
-        tube: Boxes that hold the agents.
+        tube: Boxes that contain the agents.
         source: Argument that confines the agents, or origin of the boxes.
         verified: True if the path is known and the unlimited law provably keeps the agents in the boxes.
         rho: Upper bound on the flow's slope over the tube, 1/s, and its location.
@@ -455,9 +457,10 @@ def tube_about(
     *,
     boxes: int = 256,
 ) -> Tube:
-    """The tube of a radius, monotone in time, about the harmonic extension of a path that is known, in spans of time.
+    """Return the tube of a radius, monotone in time, about the harmonic extension along a known path.
 
-    It has one box for each agent and span, or one for all agents where there are many.
+    It has about `boxes` boxes at most: one for each agent and span of time, or one for all agents in each span if there
+    are more than `boxes` agents.
     """
     assert path.cells is not None
     N = len(system.team.agents)
@@ -482,6 +485,6 @@ def tube_guessed(system: System, path: TargetPath, margin: float = 0.5) -> Tube:
 
 
 def speed_everywhere(system: System) -> float:
-    """A bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
+    """Bound the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
     whole = np.full((1, len(system.team.agents), 3), FARTHEST)
     return Tube(system, -whole, whole).speed.upper

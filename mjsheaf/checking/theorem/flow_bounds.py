@@ -1,11 +1,11 @@
 """Bounds of a flow field's speed and slope, rigorous up to rounding: over boxes, and quickly over balls along a path.
 
-Branch and bound. A box is cut into cells; a bound over each cell limits the supremum from above, the field's value
-at points inside limits it from below, and cells whose bound exceeds (1 + tolerance) times the best value seen are
-cut again, those with the largest bounds first.
+Branch and bound. A box is cut into cells. A bound over each cell limits the supremum from above, and the field's value
+at points inside limits it from below. Cells whose bound exceeds (1 + tolerance) times the best value found are cut
+again, those with the largest bounds first.
 
-A kernel is seen in the n = 2 or 3 coordinates that the vehicle has: r is the offset from its centre and u = |r|^2;
-the coordinates that the plane omits are constants of the kernel. There are then two kinds of kernel:
+A kernel is written in the n = 2 or 3 coordinates of the vehicle: r is the offset from its centre and u = |r|^2. For a
+vehicle in the plane, the other coordinates are constants of the kernel. There are two kinds of kernel:
 
 - a pole, g (M r + v) / s^p with s = u + C, k = u / s, m = |M|. A source has M = 1, v = 0, p = 1 (in space 1.5); a
   vortex has M = [axis]_x, p = 1. A vehicle in a plane at offset h from the centre of a kernel in space sees
@@ -18,15 +18,15 @@ the coordinates that the plane omits are constants of the kernel. There are then
 
   J of r / s^p has the eigenvalues 1 / s^p across r and (C - (2p - 1) u) / s^(p+1) along it. Its derivative is a
   symmetric trilinear form, so its norm is the largest |D2(e, e, e)| = 2p u^(1/2) |t| |2(p+1) k t^2 - 3| / s^(p+1)
-  over unit vectors e, with t the cosine between e and r: at t = 1, or where t^2 = 1 / (2(p+1) k).
+  over unit vectors e, with t the cosine between e and r. It is attained at t = 1 or at t^2 = 1 / (2(p+1) k).
 - a channel, b E d with E = exp(-A |n|^2 - B l^2), l = r . d, n = r - l d, and q = 2A n + 2B l d: |f| <= |b d| E,
   |J| <= |b d| E |q|, |D2f| <= |b d| E max(|q|^2, 2A, 2B), as E has the Hessian E (q q^T - 2A N - 2B d d^T) with
   N = 1 - d d^T.
 
-Every term is monotone in u, |n| or |l| or has one peak there, so the ranges of these over a cell bound it, and the
-sum of the kernels' bounds is a bound of the field. Near its tangent at the cell's centre the field has a second one,
-with half diagonal a: |f| <= max over corners |f + J delta| + |D2f| a^2 / 2 and |J| <= |J(centre)| + |D2f| a. The
-third bounds the strongest kernel the first way and all the others the second way. A cell has the smallest.
+There are three bounds over a cell, and the smallest is used. First, every term is monotone in u, |n| or |l| or has one
+peak there, so the ranges of these over a cell bound it, and the sum of the kernels' bounds bounds the field. Second,
+with the tangent at the cell's centre and the half diagonal a, |f| <= max over corners |f + J delta| + |D2f| a^2 / 2 and
+|J| <= |J(centre)| + |D2f| a. Third, the strongest kernel is bounded in the first way and all others in the second.
 """
 
 import math
@@ -66,10 +66,12 @@ class Supremum:
     """Bounds of the supremum of a field's speed (m/s) or slope (1/s) over a box.
 
     Attributes:
-        upper: never exceeded in the box. Both are infinite where a kernel without a core has its centre in the box.
-        seen: attained at `where`, so the supremum lies in [seen, upper].
-        where: shape (2,) for a planar vehicle, else the box's own, m; read-only.
-        exact: True if upper <= (1 + tolerance) seen; if not, the cells ran out, and upper still holds.
+        upper: Upper bound over the box. `upper` and `seen` are infinite if the box contains the centre of a kernel
+            without a core.
+        seen: Value attained at `where`, so the supremum lies in [seen, upper].
+        where: Point, shape (2,) for a planar vehicle, else that of the box's corners, m; read-only.
+        exact: True if upper <= (1 + tolerance) seen; if not, the largest number of cells was reached, and upper is
+            still a bound.
     """
 
     upper: float
@@ -79,7 +81,7 @@ class Supremum:
 
 
 def singular_points(flow: FlowField, *, planar: bool) -> Array:
-    """Find where the field of a vehicle is not C^1, shape (k, 2) or (k, 3), m: centres of kernels without a core."""
+    """Find the points where a vehicle's field is not C^1, the centres of kernels without core, (k, 2) or (k, 3), m."""
     return _Kernels(flow.table, flow.dimension, 2 if planar or flow.dimension == 2 else 3, drift=False).singular
 
 
@@ -94,22 +96,23 @@ def supremum(
     tolerance: float = 0.02,
     most_cells: int = 50_000,
 ) -> Supremum:
-    """Supremum over a box, or the union of several, of the speed |w(x)|, m/s, or of the slope |dw/dx|, 1/s.
+    """Bound the supremum of the speed |w(x)|, m/s, or the slope |dw/dx|, 1/s, over a box or the union of several.
 
     The slope is the Jacobian's spectral norm; its supremum is the field's Lipschitz constant.
 
     Args:
-        low: the box's lowest corner, shape (2,) or (3,), m, or those of k boxes, shape (k, 2) or (k, 3). A planar
+        flow: The field.
+        low: Lowest corner of the box, shape (2,) or (3,), m, or those of k boxes, shape (k, 2) or (k, 3). A planar
             vehicle needs two numbers, and a third is not used; in space three are needed unless the field is planar.
-        high: its highest corner, same shape, finite and at least the lowest; a box may be a point.
+        high: Highest corner, same shape, finite and not below `low`; a box may be a point.
         planar: True if the vehicle lives in the plane: points are (x, y, 0), and only the x and y of w count.
         slope: True for the slope, False for the speed.
-        drift: True if the uniform drift counts; it has no slope.
-        tolerance: The desired gap between upper and seen, relative to seen.
-        most_cells: cells to bound before giving up on the tolerance.
+        drift: True to include the uniform drift, which has no slope.
+        tolerance: Desired gap between upper and seen, relative to seen.
+        most_cells: Largest number of cells; if it is reached, the tolerance is not met.
 
     Returns:
-        The supremum's bounds; upper == seen == |drift|, of the slope 0, where no kernel has any strength.
+        Bounds of the supremum. If all kernels have zero strength, both are |drift| for the speed and 0 for the slope.
     """
     boxes = tuple(tuple(map(tuple, np.atleast_2d(corner).tolist())) for corner in (low, high))
     return _supremum(
@@ -132,7 +135,7 @@ def _supremum(
     tolerance: float,
     most_cells: int,
 ) -> Supremum:
-    """See `supremum`: of a flow's table."""
+    """Bound the supremum for the table of a flow; see `supremum`."""
     low, high = map(np.array, boxes)
     n = 2 if planar or dimension == 2 else 3
     a, b = low[:, :n], high[:, :n]
@@ -160,14 +163,14 @@ def _search(
     most_cells: int,
     *,
     size: int = 1024,  # cells that are cut at once: enough to hide numpy's overhead, few enough to stay best-first
-    pairs: int = 500_000,  # of a cell and a kernel, at once: some 150 MB
+    pairs: int = 500_000,  # pairs of a cell and a kernel computed at once: some 150 MB
 ) -> tuple[float, float, Array]:
-    """Cut boxes into cells until the bound is tight: a bound, the largest value seen, and where, shape (n,)."""
+    """Cut boxes into cells until the bound is tight; return a bound, the largest value found, and its point (n,)."""
     n = low.shape[1]
     points = kernels.candidates()
     centres = 0.5 * (low + high)
     halves = 0.5 * (high - low)
-    # In one box those outside have their nearest point inside it; in several, only those inside one count.
+    # With one box, points outside are moved to the nearest point of it; with several, they are left out.
     points = np.clip(points, low, high) if len(low) == 1 else np.concatenate([_inside(points, low, high), centres])
     values = kernels.values(points, slope)
     seen, at = float(values.max()), points[np.argmax(values)]
@@ -200,7 +203,7 @@ def _search(
 
 
 def _inside(points: Array, low: Array, high: Array) -> Array:
-    """Those of the points (k, n) that lie in one of the boxes."""
+    """Return those of the points (k, n) that lie in one of the boxes."""
     return points[[bool(np.any(np.all((low <= p) & (p <= high), axis=1))) for p in points]]
 
 
@@ -218,10 +221,10 @@ class _Kernels:
     """The field's kernels in n coordinates, evaluated and bounded over many cells at once.
 
     Attributes:
-        drift: uniform velocity in the vehicle's n coordinates, shape (n,), m/s; zero if it does not count.
-        count: kernels, the poles before the channels; those without strength are left out.
-        centre: shape (count, n), m.
-        singular: centres of the poles that are infinite there, shape (k, n), m.
+        drift: Uniform velocity in the vehicle's n coordinates, shape (n,), m/s; zero if it is not included.
+        count: Number of kernels, poles before channels; those of zero strength are left out.
+        centre: Centres of the kernels, shape (count, n), m.
+        singular: Centres of poles without a core, where they are infinite, shape (k, n), m.
     """
 
     def __init__(self, table: Array, dimension: int, n: int, drift: bool) -> None:
@@ -254,8 +257,8 @@ class _Kernels:
         self._channel_centre = channels[:, CENTRE:AXIS]
 
     def candidates(self) -> Array:
-        """Points where the supremum may be, shape (k, n): kernels' centres, and their peaks around them."""
-        # A pole is fastest on a sphere; the others' velocity at its centre says where on it they add.
+        """Return points where the supremum may be, shape (k, n), m: kernels' centres, and their peaks around them."""
+        # A pole is fastest on a sphere; the velocity of the others at its centre gives the point where they add.
         across = np.sqrt(self._C / (2.0 * self._p - 1.0))
         with np.errstate(divide="ignore", invalid="ignore"):  # at poles without a core
             w = self.evaluate(self.centre[: self._poles])[0].sum(axis=1) + self.drift
@@ -269,12 +272,12 @@ class _Kernels:
         return np.concatenate([around.reshape(-1, self.n), self.centre[: self._poles] + aligned])
 
     def values(self, points: Array, slope: bool) -> Array:
-        """Speed, m/s, or the Jacobian's norm, 1/s, at points (k, n), shape (k,)."""
+        """Return the speed, m/s, or the Jacobian's norm, 1/s, at points (k, n), shape (k,)."""
         w, J = self.evaluate(points)
         return _norm(J.sum(axis=1)) if slope else np.linalg.norm(w.sum(axis=1) + self.drift, axis=1)
 
     def evaluate(self, points: Array) -> tuple[Array, Array]:
-        """Each kernel's velocity, shape (k, count, n), and Jacobian, shape (k, count, n, n), at points (k, n)."""
+        """Return each kernel's velocity (k, count, n), m/s, and Jacobian (k, count, n, n), 1/s, at points (k, n), m."""
         r = points[:, None] - self.centre[: self._poles]
         s = np.einsum("kpi,kpi->kp", r, r) + self._C
         a = self._strength * s**-self._p
@@ -285,7 +288,7 @@ class _Kernels:
         return np.concatenate([a[..., None] * f, g], 1), np.concatenate([J, -g[..., None] * q[..., None, :]], 1)
 
     def bounds(self, centres: Array, halves: Array, slope: bool) -> tuple[Array, Array]:
-        """Values at the centres (k, n) of cells with half sides (k, n), and bounds over the cells, each (k,)."""
+        """Return values at the centres (k, n) of cells with half sides (k, n), and bounds over the cells, each (k,)."""
         a = np.linalg.norm(halves, axis=1)
         w, J = self.evaluate(centres)
         poles, channels = self._pole_bounds(centres, halves, slope), self._channel_bounds(centres, halves, a, slope)
@@ -308,7 +311,7 @@ class _Kernels:
         return values, np.where(np.isnan(bounds), np.inf, bounds)
 
     def _pole_bounds(self, centres: Array, halves: Array, slope: bool) -> tuple[Array, Array]:
-        """Largest speed or slope, and largest second derivative, of each pole over each cell, shapes (k, P)."""
+        """Bound speed or slope, and the second derivative, of each pole over each cell, shapes (k, P)."""
         p, C, m, v = self._p, self._C, self._m, self._shift
         r = np.abs(centres[:, None] - self.centre[: self._poles])
         near = np.square(np.maximum(r - halves[:, None], 0.0)).sum(axis=-1)
@@ -317,7 +320,7 @@ class _Kernels:
         k = far / (far + C)
 
         def peak(at: Array, power: Array) -> Array:
-            """Supremum of u^(1/2) / s^power, which has its peak there."""
+            """Return the supremum of u^(1/2) / s^power, which has one peak, at `at`."""
             u = np.clip(at, near, far)
             return np.sqrt(u) * (u + C) ** -power
 
@@ -333,7 +336,7 @@ class _Kernels:
         return np.abs(self._strength) * largest, np.abs(self._strength) * curvature
 
     def _channel_parts(self, points: Array) -> tuple[Array, Array, Array, Array]:
-        """|l|, |n| and the exponent A |n|^2 + B l^2 of each channel, shapes (k, c), and its gradient, (k, c, n)."""
+        """Return |l|, |n| and the exponent A |n|^2 + B l^2 of each channel, (k, c) each, and its gradient (k, c, n)."""
         r = np.repeat(-self._channel_centre[None], len(points), axis=0)
         r[..., : self.n] += points[:, None]
         along = np.einsum("kci,ci->kc", r, self._d)
@@ -343,7 +346,7 @@ class _Kernels:
         return np.abs(along), far, self._A * far**2 + self._B * along**2, q
 
     def _channel_bounds(self, centres: Array, halves: Array, a: Array, slope: bool) -> tuple[Array, Array]:
-        """Largest speed or slope, and largest second derivative, of each channel over each cell, shapes (k, c)."""
+        """Bound speed or slope, and the second derivative, of each channel over each cell, shapes (k, c)."""
         along, across, exponent, q = self._channel_parts(centres)
         dl, dn, sharpest = halves @ np.abs(self._d[:, : self.n]).T, a[:, None], 2.0 * np.maximum(self._A, self._B)
         l0, l1, l2 = _gaussian(self._B, np.maximum(along - dl, 0.0), along + dl)
@@ -359,18 +362,18 @@ class _Kernels:
 
 
 def _gaussian(rate: Array, low: Array, high: Array) -> list[Array]:
-    """Suprema of (2 rate x)^i exp(-rate x^2), i = 0, 1, 2, over low <= x <= high; the peak is at x^2 = i / 2 rate."""
+    """Return suprema of (2 rate x)^i exp(-rate x^2), i = 0, 1, 2, over low <= x <= high; peak at x^2 = i / 2 rate."""
     points = [np.clip(np.sqrt(0.5 * i / rate), low, high) for i in range(3)]
     return [(2.0 * rate * x) ** i * np.exp(-rate * x**2) for i, x in enumerate(points)]
 
 
 def _norm(J: Array) -> Array:
-    """Spectral norms of small matrices, shape (k, n, n), as shape (k,)."""
+    """Return the spectral norms of small matrices (k, n, n), shape (k,)."""
     return np.linalg.norm(J, ord=2, axis=(1, 2))
 
 
 def _tangent(w: Array, J: Array, halves: Array) -> Array:
-    """Largest |w + J delta| over cells of half sides (k, n), at one of their corners."""
+    """Return the largest |w + J delta| over cells of half sides (k, n), attained at a corner, shape (k,)."""
     n = halves.shape[1]
     signs = np.array(np.meshgrid(*[[1.0], *[[-1.0, 1.0]] * (n - 1)])).reshape(n, -1).T  # each corner or its opposite
     moved = np.einsum("kij,kj,cj->kci", J, halves, signs)
@@ -383,13 +386,13 @@ def _tangent(w: Array, J: Array, halves: Array) -> Array:
 
 @inline_jit
 def flow_slope(table, x, y, z, radius):
-    """A bound on the Jacobian's spectral norm over the ball about a point, 1/s: the Lipschitz constant there.
+    """Bound the Jacobian's spectral norm over the ball about a point, 1/s: a Lipschitz constant in the ball.
 
-    The sum of the kernels' own bounds, each over the ball: of a pole g M r / s^p with s = |r|^2 + core^2 the norm is at
-    most (2 p - 1) |g M| / s^p, p = 1 (a source in space 1.5), which falls with |r|; of a channel |b| E |q| with
+    It is the sum of the bounds of the kernels over the ball. For a pole g M r / s^p with s = |r|^2 + core^2 the norm is
+    at most (2 p - 1) |g M| / s^p, p = 1 (a source in space 1.5), which falls with |r|. For a channel |b| E |q| with
     E = exp(-A |n|^2 - B l^2) and q its exponent's gradient, E is largest at the nearest point, |q| at the farthest, and
     with a = A |n|^2 + B l^2 their product is at most 2 (max(A, B) a)^(1/2) exp(-a) <= (2 max(A, B) / e)^(1/2).
-    `supremum` has tighter ones, at a hundred times the cost.
+    `supremum` gives tighter bounds, at a hundred times the cost.
     """
     total = 0.0
     for k in range(1, table.shape[0]):
@@ -417,10 +420,10 @@ def flow_slope(table, x, y, z, radius):
 
 @inline_jit
 def flow_scale(table, x, y, z):
-    """The length over which the field may change about a point, m: what an integrator must not step over.
+    """Return the length over which the field may change about a point, m, which an integrator must resolve.
 
-    Of a pole (|r|^2 + core^2)^(1/2), the distance to its singularity in complex space; of a channel its smaller width,
-    or the distance to where nine widths end, beyond which less than 3e-18 of it is left.
+    For a pole it is (|r|^2 + core^2)^(1/2), the distance to its singularity in complex space. For a channel it is the
+    smaller width, or the distance to the region within nine widths, outside which less than 3e-18 of it remains.
     """
     smallest = np.inf
     for k in range(1, table.shape[0]):
@@ -442,7 +445,7 @@ def _slopes(table, points, radii, out):
 
 
 def bound_slopes(flow: FlowField, points: ArrayLike, radius: ArrayLike) -> Array:
-    """Bound |dw/dx| over the balls about points, 1/s; infinite where a ball holds a kernel without a core.
+    """Bound |dw/dx| over balls about points, shape (...), 1/s; infinite if a ball contains a kernel without a core.
 
     Args:
         flow: The field.

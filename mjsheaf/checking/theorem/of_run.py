@@ -26,16 +26,16 @@ class RunBound:
     Attributes:
         certificate: Certificate of the system.
         bodies: True for a run with bodies, whose inertia the theorem does not model.
-        departure: largest distance of the run's targets from the certificate's path, m.
-        accuracy: error of the run itself, which does not count, m: from its integrator's tolerance, and on bodies a
-            share of the initial error.
+        departure: Largest distance of the run's targets from the certificate's path, m.
+        accuracy: Numerical error of the run, which is allowed in addition to the bound, m: from its integrator's
+            tolerance, and on bodies a fraction of the initial error.
         blew_up: True if the run ended before its time.
-        initial_error: measured |e| at the first sample, m.
-        start: time of the first sample, s.
-        law: what the run's law is where that is not the paper's, or empty.
-        ratio: largest measured / bound after the start, where both are |e(t0)|; None where no bound applies.
-        settled_ratio: the same over the second half of the run, where the initial error has less to say.
-        worst: when the ratio is attained, s.
+        initial_error: Measured |e| at the first sample, m.
+        start: Time of the first sample, s.
+        law: Name of the run's law if that is not the paper's, or empty.
+        ratio: Largest ratio of |e| to the bound after the start, where both are |e(t0)|; None if no bound applies.
+        settled_ratio: The same over the second half of the run, where the initial error matters less.
+        worst: Time at which the ratio is attained, s.
     """
 
     certificate: Certificate
@@ -52,13 +52,13 @@ class RunBound:
 
     @property
     def reason(self) -> str:
-        """Why the theorem does not apply, or empty: the certificate's reason, or that the run has other targets."""
+        """Reason why the theorem does not apply, or empty: the certificate's, or that the targets moved otherwise."""
         law = f"the run has {self.law}, and the theorem is about the paper's law" if self.law else ""
         return law or self.certificate.reason or ("" if self.bodies else self.departed)
 
     @property
     def departed(self) -> str:
-        """That the run has other targets than were checked; or empty."""
+        """Sentence that the targets moved otherwise than was checked; or empty."""
         error = self.certificate.constants.path.error
         return (
             f"the run's targets leave the path that was checked by {self.departure:.2g} m, more than {error:.2g} m"
@@ -77,16 +77,16 @@ class RunBound:
         return self.certificate.approximate or self.bodies
 
     def at(self, time: Array) -> Array:
-        """The theorem's bound on |e| at times in s, in m; infinite where it does not apply."""
+        """Return the theorem's bound on |e|, m, at times, s; infinite if it does not apply."""
         return self.certificate.bound(self.initial_error, time - self.start)
 
     @property
     def wrong(self) -> bool:
-        """Return True if the run exceeds a bound that applies, which bodies may and the ideal law cannot."""
+        """Return True if the run exceeds a bound that applies; a run on bodies may, the ideal law cannot."""
         return bool(self.violation()) and not self.bodies
 
     def violation(self) -> str:
-        """Describe how the run exceeds a bound that applies, in a sentence; empty where it does not."""
+        """Describe how the run exceeds a bound that applies, in a sentence; empty if it does not."""
         if self.ratio is None or (self.ratio <= BROKEN and (self.bodies or not self.blew_up)):
             return ""
         if self.bodies:
@@ -109,7 +109,7 @@ class RunBound:
 
 
 def bound_of_run(run: System | Sequence[Phase], dataset: xr.Dataset, which: int = 0) -> RunBound:
-    """Compare one phase of a run with its system's certificate, from where it began; the run is read in pieces."""
+    """Compare one phase of a run with its system's certificate from its start on; the run is read in pieces."""
     last = dataset["time"].values[-1:]
     system, dataset = _phase_of(run, dataset, which)
     certificate, bodies = certify(system), dataset.attrs["backend"] == "physics"
@@ -148,17 +148,17 @@ def _accuracy(
     bodies: bool,
     *,
     tolerances: float = 100.0,  # error of a run over the tolerance of its integrator
-    on_bodies: float = 0.01,  # of the initial error: below it only inertia is seen
+    on_bodies: float = 0.01,  # fraction of the initial error, below which only inertia matters
 ) -> float:
-    """Bound the numerical error of a run that reaches this distance from the origin, m: see `RunBound`."""
+    """Bound the numerical error of a run whose farthest coordinate is `farthest`, m: see `RunBound`."""
     rtol, atol = system.tolerance
     return max(tolerances * (atol + rtol * farthest), on_bodies * initial_error * bodies)
 
 
 def bound_ahead(system: System) -> Array | None:
-    """Theorem 1's bound on |e| at the samples of a run on bodies, and its accuracy, shape (T,), m; None without one.
+    """Return Theorem 1's bound on |e|, plus accuracy, at the samples of a run on bodies, shape (T,), m; or None.
 
-    It is known before the run, as far as its targets keep to their path.
+    It is known before the run, and holds if the targets follow their predicted path.
     """
     system = system.remaining
     certificate = certify(system)
@@ -176,8 +176,8 @@ class HeldBound:
     """The bound of the held law on a run: see `held_law`.
 
     Attributes:
-        samples: Bound on |e| at each sample, shape (T,), m; None where there is none.
-        reason: why there is none, or empty.
+        samples: Bound on |e| at each sample, shape (T,), m; None if there is none.
+        reason: Reason why there is none, or empty.
         ratio, settled_ratio, worst: See `RunBound`.
     """
 
@@ -193,7 +193,7 @@ class HeldBound:
         return self.ratio is not None and self.ratio > BROKEN
 
     def violation(self) -> str:
-        """Describe how the run exceeds the bound, in a sentence; empty where it does not."""
+        """Describe how the run exceeds the bound, in a sentence; empty if it does not."""
         if not self.wrong:
             return ""
         where = f"|e| reaches {self.ratio:.4g} times the bound of the held law at t = {self.worst:.6g} s"
@@ -205,7 +205,7 @@ def held_bound_of_run(
 ) -> HeldBound:
     """Compare one phase of a run with the bound of its held law.
 
-    The bound knows no bodies, no laws in Python, and nothing that terms remember of a phase before.
+    The bound does not cover bodies, laws in Python, and terms with memory from an earlier phase.
     """
     system, dataset = _phase_of(run, dataset, which)
     python = f"the run has {theorem.law}" if dataset.attrs.get("controller") else ""
@@ -226,7 +226,7 @@ def held_bound_of_run(
 
 
 def _phase_of(run: System | Sequence[Phase], dataset: xr.Dataset, which: int) -> tuple[System, xr.Dataset]:
-    """As `of_phase`, the system over that phase alone and from where the run was at its start."""
+    """Return system and data as `of_phase`, the system over that phase alone, from the run's state at its start."""
     system, own = of_phase(run, dataset, which)
     if isinstance(run, System) or len(run) == 1:
         return system, own
@@ -250,7 +250,7 @@ def bounds_of_phases(phases: Sequence[Phase], dataset: xr.Dataset) -> list[tuple
 
 
 def _other_law(system: System, controller: str) -> str:
-    """Name the law of a run where it is not the paper's, in words; or return an empty text."""
+    """Return the name of a run's law in words if it is not the paper's; else empty."""
     if controller:
         return f"a law of its own, {controller}"
     if parts := unmodelled_parts(system):
@@ -259,13 +259,13 @@ def _other_law(system: System, controller: str) -> str:
 
 
 def _largest(share: Array, time: Array) -> tuple[float, float, float]:
-    """The largest share of a bound after the start, where both are |e(t0)|; that of the second half; when, s."""
+    """Return the largest fraction of a bound after the start, that of the second half, and the time of the first, s."""
     share[0] = 0.0
     worst = int(share.argmax())
     return float(share[worst]), float(share[len(share) // 2 :].max()), float(time[worst])
 
 
 def _measured(dataset: xr.Dataset) -> tuple[Array, Array]:
-    """|e| at the samples of a run, m, and their times, s, shape (T,) each."""
+    """Return |e| at the samples of a run, m, and their times, s, shape (T,) each."""
     pieces = (piece["tracking_error"].values for piece in pieces_of(dataset, ["tracking_error"]))
     return np.concatenate([np.sqrt((values**2).sum(axis=1)) for values in pieces]), dataset["time"].values

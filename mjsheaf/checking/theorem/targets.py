@@ -1,11 +1,9 @@
-"""The targets: their path over the span of a run, integrated once, by itself, and their own law.
+"""The targets: their path over the span of a run, integrated separately from the agents, and their own law.
 
-The path is covered by cells that hold all of it.
-
-Targets do not react to agents, so their path is known before a run. It is followed under the law that the run has: held
-commands where the run holds them. No step passes over anything that moves a target: it is a fraction of a turn of every
-motion and disturbance, of the time constants of consensus, pull and flow, and of the length over which the flow changes
-there (`flow_scale`).
+Targets do not react to agents, so their path is known before a run. It is integrated under the law of the run, with
+held commands if the run holds them, and covered by cells. Steps resolve everything that moves a target: each is a
+fraction of a turn of every motion and disturbance, of the time constants of consensus, pull and flow, and of the length
+over which the flow changes there (`flow_scale`).
 
 Each step from t to t + h gives a cell. With V and D bounds on |p'| and |f_p'| over it, and W on |omega'|,
 
@@ -13,12 +11,12 @@ Each step from t to t + h gives a cell. With V and D bounds on |p'| and |f_p'| o
 
 the first by the second derivative p'' = f_p' + omega', the second by the first. V and D hold by continuity: while
 |p'| <= V, the path stays within h V of its start, where D follows from V and the flow's largest slope, and then
-|p'| <= |p'(t)| + h (D + W). Where that is at most V the assumption was right; where it is not, V grows. Steps are short
-enough for that to end.
+|p'| <= |p'(t)| + h (D + W). If that is at most V, the assumption was right; otherwise V is increased. Steps are short
+enough for this to end.
 
-The integration's own error is controlled: the path is integrated a second time with half the steps and a tenth of the
-tolerance. Cells are widened by `error`, many times the difference, so that runs of a usual tolerance are covered too; a
-path for which that would be too much is not claimed to be known.
+The integration error is controlled: the path is integrated a second time with half the steps and a tenth of the
+tolerance. Cells are widened by `error`, many times the difference, so runs of the usual tolerance are covered too. If
+the error is too large, the path counts as unknown.
 """
 
 from dataclasses import dataclass
@@ -49,12 +47,12 @@ from mjsheaf.media.waves import WaveArrays
 from mjsheaf.section import Finite, Record
 
 MOST_STEPS = 1_500_000
-"""Steps of the integrator times targets: a path that takes more is too long or too stiff to follow."""
+"""Largest product of integrator steps and targets; a path that needs more counts as unknown."""
 
-_DENSE = 200_000  # numbers of K = H^-1 B that are held as a matrix
-_MOST_NUMBERS = 4_000_000  # of the harmonic extensions there, and of the samples kept to compare with a run
-_SHARE_OF_DECAY = 0.25  # of the fastest time constant
-_SHARE_OF_SCALE = 0.125  # of the length over which the flow changes
+_DENSE = 200_000  # largest number of entries of K = H^-1 B that is stored as a matrix
+_MOST_NUMBERS = 4_000_000  # of stored harmonic extensions, and of samples stored for comparison with a run
+_SHARE_OF_DECAY = 0.25  # largest step as a fraction of the fastest time constant
+_SHARE_OF_SCALE = 0.125  # largest motion in a step as a fraction of the length over which the flow changes
 _NEARLY = 1.0 - 1e-6  # fraction of the rest of a period that counts as all of it
 
 
@@ -74,7 +72,7 @@ class Carrier:
         rest = problem.extend(np.zeros(n_p))
         self._rest = self._offset = rest
         if system.team.linearised_at is not None and not problem.unique:
-            free = problem.sparse_null_basis  # motions that are free stay as they were at the linearisation
+            free = problem.sparse_null_basis  # free motions keep their value at the linearisation
             self._rest = rest + free @ (free.T @ (system.team.linearised_at[:n_q] - rest))
         self._K = problem.extend(np.eye(n_p)) - rest if n_q * n_p <= _DENSE else None  # (n_p, n_q)
         self._own = _places(system)
@@ -82,18 +80,18 @@ class Carrier:
         self.rate = np.zeros(n_q) if ramp is None else ramp.moved / (ramp.end - ramp.start)
 
     def extend(self, targets: Array, time: Array | None = None) -> Array:
-        """q* of targets at (..., M, 3), stacked, (..., n_q), m; at times (...) in s, or as formations begin."""
+        """Return q* for targets at (..., M, 3), m, stacked, (..., n_q), m; at times (...), s, or at the start."""
         q_star = self.carry(targets) + self._rest
         if self._ramp is None or time is None:
             return q_star
         return q_star + (time - self._ramp.begin)[..., None] * self.rate
 
     def slide(self, duration: Array) -> Array:
-        """Return the way of each q*_i in half of durations (T,) in s while formations change, shape (T, N), m."""
+        """Return the motion of each q*_i due to changing formations in half of durations (T,), s, shape (T, N), m."""
         return 0.5 * duration[:, None] * np.linalg.norm(self._team.unpack(self.rate), axis=1)
 
     def carry(self, motions: NDArray[Any]) -> NDArray[Any]:
-        """K applied to motions of the targets (..., M, 3), stacked, (..., n_q)."""
+        """Apply K to motions of the targets (..., M, 3); the result is stacked, shape (..., n_q)."""
         flat = motions.reshape(*motions.shape[:-2], -1)[..., self._own]
         if self._K is not None:
             return flat @ self._K
@@ -108,7 +106,7 @@ class Carrier:
         return np.repeat(self._norm * np.linalg.norm(radii, axis=-1, keepdims=True), len(self._team.agents), axis=-1)
 
     def spread(self, radii: Array, slopes: Array, moves: Array) -> Array:
-        """A bound on |K s + F r|: s within `radii` (..., M), r within `moves` and F within `slopes` (..., N), (...)."""
+        """Bound |K s + F r|, shape (...), for s within `radii` (..., M), r within `moves`, F in `slopes` (..., N)."""
         with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
             own = np.where(moves > 0.0, slopes * moves, 0.0)
         if self._blocks is not None:
@@ -117,7 +115,7 @@ class Carrier:
 
     @cached_property
     def _norm(self) -> float:
-        """A bound on |K|."""
+        """Upper bound on |K|."""
         spectrum = spectrum_of(self._team)
         return spectrum.sigma_max_B / float(spectrum.smallest[0]) if spectrum.smallest.size else np.inf
 
@@ -133,7 +131,7 @@ class Carrier:
 
 
 def _places(system: System) -> IntArray:
-    """Places of the stacked p in padded targets (M, 3), flattened."""
+    """Return the indices of the stacked p in padded positions of the targets (M, 3), flattened."""
     return system.team.slots[system.team.first_state[-1] :] - 3 * len(system.team.agents)
 
 
@@ -141,8 +139,14 @@ class Cells(NamedTuple):
     """Cells that cover the path of M targets, n of them in the order of time.
 
     In a cell positions lie within `bend` of the segment centre -+ half, and drifts f_p within `spread` of `drift`.
-    begin, end (n,) s; centre, half (n, M, 3) m; bend (n, M) m; drift (n, M, 3) m/s; spread (n, M) m/s; slope (n, M)
-    1/s, a bound on how much f_p changes with an error of the positions.
+
+    Attributes:
+        begin, end: Start and end of each cell, shape (n,), s.
+        centre, half: Centre of the segment, and half of it, shape (n, M, 3), m.
+        bend: Bound on the distance from the segment, shape (n, M), m.
+        drift: Mean of f_p at both ends, shape (n, M, 3), m/s.
+        spread: Bound on the distance of f_p from `drift`, shape (n, M), m/s.
+        slope: Bound on the change of f_p with an error of the positions, shape (n, M), 1/s.
     """
 
     begin: Array
@@ -157,19 +161,19 @@ class Cells(NamedTuple):
 
 @dataclass(frozen=True)
 class TargetPath:
-    """Targets of a system over the span of its run; where the path is not known, they stand still and drift is NaN.
+    """Targets of a system over the span of its run; if the path is not known, they stand still and drift is NaN.
 
     Attributes:
         time: Instants at which the path is stored, shape (T,), s.
         positions: Positions of all vehicles at these instants, agents at their initial positions, shape (T, V, 3), m.
-        drift: f_p about there (reference, consensus and flow without disturbance): the mean of both ends of the cell
-            that begins there, shape (T, M, 3), m/s.
-        q_star: harmonic extension there, stacked, shape (T, n_q), m.
-        cells: what covers the path; None where it is not known.
+        drift: f_p (reference, consensus and flow without disturbance), the mean of both ends of the cell that begins at
+            each instant, shape (T, M, 3), m/s.
+        q_star: Harmonic extension at these instants, stacked, shape (T, n_q), m.
+        cells: Cells that cover the path; None if it is not known.
         error: Largest error of the path that the cells allow for, m.
-        samples: positions of the targets at each stride-th sample of the run, shape (S, M, 3), m.
-        stride: see samples.
-        warning: why the path is not known, or empty.
+        samples: Positions of the targets at each stride-th sample of the run, shape (S, M, 3), m.
+        stride: Index step between these samples.
+        warning: Reason why the path is not known, or empty.
     """
 
     time: Array
@@ -184,10 +188,13 @@ class TargetPath:
 
 
 class _Steps(NamedTuple):
-    """Steps of the integrator, n of them in the order of time; positions and velocities are those of M targets.
+    """Steps of the integrator, n of them in the order of time, for M targets.
 
-    begin, end (n,) s; start, stop (n, M, 3) m; velocity: p' where a step begins (n, M, 3) m/s; drift: mean of f_p at
-    both ends (n, M, 3) m/s.
+    Attributes:
+        begin, end: Start and end of each step, shape (n,), s.
+        start, stop: Positions there, shape (n, M, 3), m.
+        velocity: p' at the start, shape (n, M, 3), m/s.
+        drift: Mean of f_p at both ends, shape (n, M, 3), m/s.
     """
 
     begin: Array
@@ -204,7 +211,7 @@ class _Setting(NamedTuple):
     Attributes:
         control: Law and references of the targets alone.
         turn: Step much shorter than the time scales of motion and disturbance, s.
-        decay: Fastest rate of what moves in the medium and, if the law is continuous, of consensus and pull, 1/s.
+        decay: Fastest rate of moving parts of the medium and, if the law is continuous, of consensus and pull, 1/s.
         share: Step size as a fraction of the usual one.
         times: Sample times, shape (T,), s.
         stride: Index step between stored samples.
@@ -220,7 +227,7 @@ class _Setting(NamedTuple):
 
 @inline_jit
 def _shortened(setting, medium, h, x, velocity):
-    """The step h, no longer than what resolves flow and law at x."""
+    """Return the step h, s, shortened to one that resolves flow and law at x."""
     for v in range(x.shape[0]):
         p = velocity[v]
         speed = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
@@ -236,10 +243,10 @@ def _shortened(setting, medium, h, x, velocity):
 
 @inline_jit
 def _accepted_step(follow, run, t, h, x):
-    """Take the longest step of at most h, s, that passes; return it and its error, or 0 if no step is short enough."""
+    """Take the longest step of at most h, s, within the tolerance; return it, or 0 if none is, and its error."""
     error = np.inf
     while not error < 1.0:
-        if not h > 1e-14 * max(run.period, abs(t)):  # also where it is NaN
+        if not h > 1e-14 * max(run.period, abs(t)):  # also true for NaN
             return 0.0, error
         error = take_step(follow, run, t, h, x, 0, x.shape[0])
         if not error < 1.0:
@@ -266,11 +273,11 @@ def _copy(x, out):
 @tiered(seconds=1.0, numbers=np.inf)
 @jit
 def _follow(follow, setting, run, x, steps, samples, place, end):
-    """Follow the targets until the end, until `end` steps are taken, or until no step is short enough.
+    """Follow the targets until the end, until there are `end` steps, or until no step is short enough.
 
-    `follow` is the setting's `control` where the law is continuous, None where it is held; run is the integrator.
-    The place on the path is where an earlier call left: how many steps there are, the last sample before, the time
-    since then, s, and the step to try, s. The place to which this call leads is returned.
+    `follow` is the setting's `control` if the law is continuous, None if it is held; `run` is the integrator. `place`
+    is the position on the path at which an earlier call ended: the number of steps, the last sample, the time since
+    then, s, and the step to try, s. The position at which this call ends is returned.
     """
     times = setting.times
     period = run.period
@@ -286,10 +293,10 @@ def _follow(follow, setting, run, x, steps, samples, place, end):
             if count == end:
                 return count, k, done, step
             steps.drift[count] = 0.0
-            _add_drift(run, x, run.slope[0], steps.drift[count])  # while the sines are those of t
+            _add_drift(run, x, run.slope[0], steps.drift[count])  # the disturbance in `run` is still that at t
             _copy(run.slope[0], steps.velocity[count])
             _copy(x, steps.start[count])
-            if h > _NEARLY * (period - done):  # so that no sliver is left
+            if h > _NEARLY * (period - done):  # so that no tiny step remains
                 h = period - done
             h, error = _accepted_step(follow, run, t, h, x)
             if h == 0.0:
@@ -298,7 +305,7 @@ def _follow(follow, setting, run, x, steps, samples, place, end):
             last = h >= period - done
             steps.begin[count] = t
             steps.end[count] = times[k + 1] if last else t + h
-            _add_drift(run, run.state, run.slope[6], steps.drift[count])  # the sines are those of t + h
+            _add_drift(run, run.state, run.slope[6], steps.drift[count])  # the disturbance in `run` is that at t + h
             _copy(run.state, x)
             _copy(x, steps.stop[count])
             count += 1
@@ -311,14 +318,14 @@ def _follow(follow, setting, run, x, steps, samples, place, end):
 
 @jit
 def _references(motion, times, nowhere, out):
-    """Write v of each reference at times (n,), s, shape (n, M, 3), m/s; the motions have no pull from anywhere (3,)."""
+    """Write v of each reference at times (n,), s, shape (n, M, 3), m/s; `nowhere` (3,) is any point, without pull."""
     for k in range(len(times)):
         for v in range(out.shape[1]):
             add_reference(motion, v, times[k], nowhere, out[k, v])
 
 
 def _path_key(system: System, carrier: Carrier | None = None) -> tuple[Any, ...]:
-    """All on which the targets' path depends; of the agents only where they begin."""
+    """Return everything on which the targets' path depends; of the agents, only the initial positions."""
     alone, team = _targets_alone(system), (system.team.members, sorted(system.team.absent), system.law.edges)
     ramp = system.team.ramp
     return (
@@ -347,10 +354,10 @@ def follow_targets(
     Args:
         system: System under the law.
         carrier: Carrier of the system if the caller has one.
-        sampled: Instants at which the path is also kept as it is, for pictures and estimates.
+        sampled: Approximate number of instants at which the path is stored, for pictures and estimates.
         tolerance: Tolerance of the integrator for each step, relative and absolute.
-        differences: Allowed error over the difference of two integrations.
-        largest: Largest error of a path that is known, m, and relative to its farthest position.
+        differences: Ratio of `TargetPath.error` to the difference of two integrations.
+        largest: Error above which a path counts as unknown, m, and relative to its farthest position.
     """
     N, M, n_q = len(system.team.agents), len(system.team.targets), int(system.team.first_state[-1])
     extend = (carrier or Carrier(system)).extend
@@ -469,10 +476,10 @@ def _cells_of(
     steps: _Steps,
     error: float,
     *,
-    slack: float = 1.05,  # of V over what it takes
-    guesses: int = 100,  # of V
+    slack: float = 1.05,  # ratio of the next V to the one that was required
+    guesses: int = 100,  # largest number of values of V
 ) -> Cells:
-    """Return cells that hold every path within `error`, m, of the steps taken; see the module.
+    """Return cells that contain every path within `error`, m, of the steps; see the module.
 
     Raises:
         UndecidedError: The speed cannot be bounded over a step, or the path leads through the surface of waves.
@@ -485,7 +492,7 @@ def _cells_of(
     L, places = system.team.target_sheaf.laplacian(), _places(system)
 
     def consensus(velocity: Array, size: Any) -> Array:
-        """Return the size of each target's part of L_T or |L_T| times velocities (n, M, 3), shape (n, M, 3)."""
+        """Return the absolute values of L_T or |L_T| times velocities (n, M, 3), shape (n, M, 3)."""
         moved = np.zeros((len(velocity), velocity[0].size))
         moved[:, places] = (size(L) @ velocity.reshape(len(velocity), -1)[:, places].T).T
         return np.abs(moved).reshape(velocity.shape)
@@ -542,14 +549,14 @@ def _cells_of(
 def _between(
     system: System,
     *,
-    compared: int = 2000,  # instants of a continuous law at which two integrations are compared, at least about
+    compared: int = 2000,  # least number of instants, about, at which two integrations of a continuous law are compared
 ) -> int:
-    """Into how many parts a sample period is cut, so that two integrations are compared at enough instants."""
+    """Return the number of parts of a sample period, so that two integrations are compared at enough instants."""
     return max(1, compared // system.grid.steps) if system.grid.continuous else 1
 
 
 def _stride(system: System) -> int:
-    """Each how many samples are kept."""
+    """Return the index step between stored samples."""
     return max(1, -(-3 * len(system.team.targets) * system.grid.steps // _MOST_NUMBERS))
 
 
@@ -558,7 +565,7 @@ def _targets_alone(system: System) -> tuple[ControlArrays, MediumArrays, Array]:
     N, law, motion, medium = len(system.team.agents), system.law, system.motion, system.medium
     edges = pack_edges(system.team.targets, [(system.team.target_edges, True)])
     alone = law.without_terms._replace(edges=edges, gain=law.gain[N:], limit=law.limit[N:])
-    alone = with_seed(alone._replace(links=LinkArrays()), 0)  # nothing of it is random
+    alone = with_seed(alone._replace(links=LinkArrays()), 0)  # none of it is random
     own = {name: getattr(motion, name)[N:] for name in motion._fields if name not in ("knots", "coefficients")}
     around = medium._replace(
         agents=0,
@@ -598,8 +605,8 @@ def _turn(
 #     p_{k+1} = (I - h S) p_k + ...,    S = k_T L_T + P,
 #
 # and S is symmetric and positive semidefinite. In an eigenvector of S with the eigenvalue mu > 0 the factor is 1 - h
-# mu: it decays exactly if h mu < 2. Where mu = 0 nothing acts on the targets, and nothing of the law can diverge. So
-# the law is stable exactly if h lambda_max(S) < 2. The continuous law, p' = -S p + ..., always is.
+# mu: it decays exactly if h mu < 2. If mu = 0, the law does not act on the mode, which then cannot diverge. So the law
+# is stable exactly if h lambda_max(S) < 2. The continuous law, p' = -S p + ..., always is.
 #
 # On bodies the same commands go to vehicles with inertia: see `body_loop`.
 
@@ -609,30 +616,30 @@ class TargetsOnBodies(Record):
 
     stable: bool | None = Field(description="whether every mode that the law acts on decays; null: see reason")
     spectral_radius: Finite = Field(
-        description="largest factor of a mode that moves a position, over a control period; null where undecided"
+        description="largest factor of a mode that moves a position, over a control period; null if undecided"
     )
     reason: str = Field(description="why it is undecided, or empty")
 
 
 class TargetsLoop(Record):
-    """The targets' own law, consensus and pull, as it is held over a control period."""
+    """The targets' own law, consensus and pull, held over a control period."""
 
     stable: bool = Field(description="on ideal kinematics; the continuous law always is")
-    rate: float = Field(description="lambda_max(k_T L_T + pull), 1/s; 0 where targets follow neither path nor others")
-    product: Finite = Field(description="control period times rate: stable below 2; null where the law is continuous")
+    rate: float = Field(description="lambda_max(k_T L_T + pull), 1/s; 0 if targets follow neither path nor others")
+    product: Finite = Field(description="control period times rate: stable below 2; null if the law is continuous")
     spectral_radius: Finite = Field(
-        description="largest |1 - h mu| over the rates mu > 0 of its modes; null where there are none, or the law is "
+        description="largest |1 - h mu| over the rates mu > 0 of its modes; null if there are none, or the law is "
         "continuous"
     )
-    parts: list[str] = Field(description="what acts on targets: pull, consensus")
-    targets: list[str] = Field(description="targets that move most in the fastest mode, where it does not decay")
-    largest_period: Finite = Field(description="2 / rate: control periods below it are stable, s; null where rate is 0")
+    parts: list[str] = Field(description="parts of the law that act on targets: pull, consensus")
+    targets: list[str] = Field(description="targets that move most in the fastest mode, if it does not decay")
+    largest_period: Finite = Field(description="2 / rate: control periods below it are stable, s; null if rate is 0")
     bodies: TargetsOnBodies | None = Field(
-        None, description="the same law on the targets' vehicles; null where it was not looked at, or rate is 0"
+        None, description="the same law on the targets' vehicles; null if it was not analysed, or rate is 0"
     )
 
     def verdict(self) -> str:
-        """The loop in a sentence, with the fix where it is unstable."""
+        """Describe the loop in a sentence, with a fix if it is unstable."""
         if not self.stable:
             fixes = {"pull": "motion.pull", "consensus": "target_formation.gain"}
             lower = " or ".join(fixes[part] for part in self.parts)
@@ -649,7 +656,7 @@ class TargetsLoop(Record):
 
     @property
     def failure(self) -> str:
-        """Why the law diverges on ideal kinematics; empty where it does not."""
+        """Reason why the law diverges on ideal kinematics; empty if it does not."""
         if self.stable:
             return ""
         return (
@@ -666,9 +673,9 @@ class TargetsLoop(Record):
 def targets_loop(
     system: System,
     *,
-    limit: float = 2.0 - 1e-9,  # of h lambda_max(S): what decays stays below it
-    dense: int = 600,  # rows of S, up to which all eigenvalues are computed; of more the largest alone
-    involved: float = 0.5,  # of the largest motion in the fastest mode: a target that moves as much is named
+    limit: float = 2.0 - 1e-9,  # of h lambda_max(S), below which modes decay
+    dense: int = 600,  # rows of S up to which all eigenvalues are computed; else only the largest is
+    involved: float = 0.5,  # fraction of the largest motion in the fastest mode, above which a target is named
 ) -> TargetsLoop:
     """Decide whether the targets' own law decays on ideal kinematics."""
     N, h = len(system.team.agents), system.grid.period
@@ -704,9 +711,9 @@ def targets_loop(
 
 
 def stiffness(system: System) -> sparse.csr_array:
-    """S = k_T L_T + P on the stacked positions of the targets, shape (n_p, n_p), 1/s.
+    """Return S = k_T L_T + P on the stacked positions of the targets, shape (n_p, n_p), 1/s.
 
-    Rows and columns of targets without consensus, such as fixed ones, are 0: they move no other target's poles.
+    Rows and columns of fixed targets and others without consensus and pull are 0.
     """
     team, N = system.team, len(system.team.agents)
     if not team.targets:

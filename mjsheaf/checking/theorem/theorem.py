@@ -35,25 +35,29 @@ from scipy.special import exprel
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 
-# The best rate is the supremum of those that satisfy a strict inequality; this share of it satisfies it.
+# The best rate is the supremum of those that satisfy a strict inequality; this fraction of it satisfies it.
 _BELOW_SUPREMUM = 1.0 - 1e-9
-# Radii at which rho is evaluated, and those taken off chi, are larger by this than computed.
+# Radii at which rho is evaluated, and those subtracted from chi, are enlarged by this factor.
 _OUTWARD = 1.0 + 1e-12
 
 
 class Rho:
-    """A bound of the slope of the drift, 1/s, at a radius >= 0, m; infinite where nothing is known.
+    """A bound of the slope of the drift, 1/s, as a function of a radius >= 0, m; infinite if nothing is known.
 
-    It must be non-negative and not decrease. That is checked on a grid alone, 0 and 1e-9 to 1e9 m, eight radii a
-    decade; that it bounds the drift is the user's claim. NaN counts as infinite. Where the function rounds down, so
-    does the theorem.
+    It must be non-negative and nondecreasing. This is checked only on a grid: 0 and 1e-9 to 1e9 m, eight radii a
+    decade. That it bounds the drift is the user's responsibility. NaN counts as infinite. Values of the function are
+    used as they are, also if they were rounded down.
 
     Attributes:
         constant: True if it is a Lipschitz constant over the whole region.
     """
 
     def __init__(self, function: Callable[[float], float], *, constant: bool = False) -> None:
-        """Raise an InputError where the function is negative or decreases on the grid."""
+        """Wrap a function of the radius, m.
+
+        Raises:
+            InputError: The function is negative or decreases on the grid.
+        """
         self._function = function
         self.constant = constant
         before, at = 0.0, 0.0
@@ -77,7 +81,7 @@ class Rho:
         return math.inf if math.isnan(value) else value
 
     def reach(self, level: float) -> float | None:
-        """The largest radius s with rho(s) <= level, from below to about 1e-15 of itself; None where there is none."""
+        """Return the largest radius s, m, with rho(s) <= level, rounded down by about 1e-15; None if there is none."""
         if not self(0.0) <= level:
             return None
         if self(math.inf) <= level:
@@ -97,10 +101,9 @@ def _bisect_down(
     *,
     bisections: int = 64,
 ) -> float:
-    """Return the largest number between two finite ones at which a condition holds that does at the lower one.
+    """Return the largest number from `low` to `high` at which a condition holds; it must hold at `low`.
 
-    If the condition does not hold below all numbers at which it holds, the result is one of them, perhaps not the
-    largest. An infinite upper one is left alone.
+    If the condition is not monotone, the result is a number at which it holds, but perhaps not the largest.
     """
     for _ in range(bisections):
         middle = 0.5 * (low + high)
@@ -118,14 +121,14 @@ def as_rho(rho: RhoLike) -> Rho:
     """Return a bound from one of its forms.
 
     Args:
-        rho: A number L, 1/s, is a Lipschitz constant over the whole region, infinite where there is none. Coefficients
+        rho: A number L, 1/s, is a Lipschitz constant over the whole region, infinite if there is none. Coefficients
             c_k >= 0, in 1/s, 1/(m s), ..., give rho(s) = c_0 + c_1 s + c_2 s^2 + ... Pairs (radius_k in m, L_k in 1/s)
             are a table: rho(s) = L_k on (radius_{k-1}, radius_k], infinite beyond the last radius. L_k may be a
             Lipschitz constant of the drift over the tube of radius_k about the path of q*: q lies in the tube of
             radius |e|, with the whole segment from q* to q. A function takes a radius in m. A `Rho` is returned as is.
 
     Raises:
-        InputError: It is none of these, or no bound.
+        InputError: It has none of these forms, or is not a valid bound.
     """
     if isinstance(rho, Rho):
         return rho
@@ -171,17 +174,17 @@ class Theorem:
 
     Attributes:
         gain: k1, 1/s.
-        lambda_min: smallest eigenvalue of H.
-        f_bar: bound on |f_B|, m/s.
-        omega_bar: bound on |Delta|, m/s.
-        rho: bound of the drift's slope.
+        lambda_min: Smallest eigenvalue of H.
+        f_bar: Bound on |f_B|, m/s.
+        omega_bar: Bound on |Delta|, m/s.
+        rho: Bound of the drift's slope.
         k_min: k1 lambda_min / 2, 1/s.
-        rate: lambda_V, 1/s; the best one unless given; 0 where none satisfies the gain condition.
+        rate: lambda_V, 1/s; the best one unless given; 0 if none satisfies the gain condition.
         applies: True if the gain condition holds for `rate`.
         mu: (f_bar + omega_bar)^2 / (2 k1 lambda_min), m^2/s.
-        radius: Radius of the ultimate set U, sqrt(mu / lambda_V), m; infinite where the condition fails.
-        chi: radius of D, which no solution that starts in S leaves, m; 0 where the condition fails.
-        radius_S: radius of S, chi - sqrt(mu / lambda_V), rounded down, m; 0 where the condition fails.
+        radius: Radius of the ultimate set U, sqrt(mu / lambda_V), m; infinite if the condition fails.
+        chi: Radius of D, which no solution that starts in S leaves, m; 0 if the condition fails.
+        radius_S: Radius of S, chi - sqrt(mu / lambda_V), rounded down, m; 0 if the condition fails.
     """
 
     gain: float
@@ -199,20 +202,20 @@ class Theorem:
 
     @property
     def lipschitz(self) -> float:
-        """rho over all of D, rho(chi), 1/s: the constant itself where rho is one."""
+        """Lipschitz constant over D, rho(chi), 1/s."""
         return self.rho(self.chi)
 
     def contains(self, initial_error: float) -> bool:
-        """Return True if the theorem bounds a run that starts with this |e_0| in m: it applies, and e_0 lies in S."""
+        """Return True if the theorem applies and e_0 lies in S, for |e_0| in m."""
         return self.applies and initial_error <= self.radius_S
 
     def bound(self, initial_error: float, elapsed: ArrayLike) -> Array:
-        """The theorem's bound on |e(t)| in m, at times since the start in s; infinite where it has none."""
+        """Return the theorem's bound on |e(t)|, m, at times since the start, s; infinite if there is none."""
         elapsed = np.asarray(elapsed, dtype=np.float64)
         if not self.contains(initial_error):
             return np.full(elapsed.shape, np.inf)
         decay = np.exp(-2.0 * self.rate * elapsed)
-        grown = 2.0 * elapsed * exprel(-2.0 * self.rate * elapsed)  # (1 - decay) / rate, also where the rate is tiny
+        grown = 2.0 * elapsed * exprel(-2.0 * self.rate * elapsed)  # (1 - decay) / rate, also for a tiny rate
         return np.sqrt(decay * initial_error**2 + self.mu * grown)
 
 
@@ -229,27 +232,27 @@ def theorem_1(
 
     Args:
         gain: k1, 1/s.
-        lambda_min: smallest eigenvalue of H; 0 where the relative cohomology is not trivial.
-        f_bar, omega_bar: bounds on |f_B| and |Delta|, m/s.
-        rho: bound of the drift's slope, 1/s; a number is constant.
-        rate: lambda_V, 1/s; None takes the largest that satisfies the gain condition and, where one does, has the
+        lambda_min: Smallest eigenvalue of H; 0 if the relative cohomology is not trivial.
+        f_bar, omega_bar: Bounds on |f_B| and |Delta|, m/s.
+        rho: Bound of the drift's slope, 1/s; a number is a constant bound.
+        rate: lambda_V, 1/s; None selects the largest that satisfies the gain condition and, if possible, has the
             initial error in S: that gives the smallest ultimate set. Without an initial error S may be hardly larger
             than U.
-        initial_error: |e_0| in m, for the choice of the rate alone.
+        initial_error: |e_0|, m, used only for the choice of the rate.
     """
     rho = as_rho(rho)
     k_min = 0.5 * gain * lambda_min
     mu = (f_bar + omega_bar) ** 2 / (2.0 * gain * lambda_min) if k_min > 0.0 else math.inf
 
     def allowed(rate: float, start: float) -> float:
-        """The rates up to this one satisfy k_min - rate > rho(s), s the largest radius that matters at `rate`."""
+        """Return the limit of rates with k_min - rate > rho(s), s the largest radius that matters at `rate`."""
         ultimate = math.sqrt(mu / rate) * _OUTWARD
         # Slopes over 2 r: the gain condition. Over |e_0| + r: chi reaches that far, which puts e_0 into S.
         return (k_min - rho(max(2.0 * ultimate, start * _OUTWARD + ultimate))) * _BELOW_SUPREMUM
 
     chosen = rate or 0.0
     if rate is None and mu < math.inf:
-        # The largest rate that satisfies the gain condition and, where one does, has e_0 in S.
+        # The largest rate that satisfies the gain condition and, if possible, has e_0 in S.
         chosen = _largest_fixed_point(lambda rate: allowed(rate, initial_error or 0.0), k_min)
         chosen = chosen or _largest_fixed_point(lambda rate: allowed(rate, 0.0), k_min)
     if not (chosen > 0.0 and mu < math.inf and chosen <= allowed(chosen, 0.0)):
@@ -268,11 +271,10 @@ def _largest_fixed_point(
     *,
     descents: int = 1000,
 ) -> float:
-    """The largest x in (0, most] with x <= allowed(x), for an `allowed` that does not decrease and is at most `most`.
+    """Return the largest x in (0, most] with x <= allowed(x), or 0; `allowed` is nondecreasing and at most `most`.
 
-    0 where there is none. x, allowed(x), ... descends from above to the largest fixed point and never passes a solution
-    (Tarski, Pacific J. Math. 5, 1955). Where it is slow, the rest is bisected down to a solution, perhaps not the
-    largest.
+    x, allowed(x), ... descends from above to the largest fixed point and never passes a solution (Tarski, Pacific J.
+    Math. 5, 1955). If it is slow, bisection finds a solution that is perhaps not the largest.
     """
     x = most
     for _ in range(descents):
@@ -290,18 +292,18 @@ def _largest_fixed_point(
 def least_gain(
     radius: float, lambda_min: float, f_bar: float, omega_bar: float, rho: float | Rho, initial_error: float = 0.0
 ) -> float:
-    """Return a k1 below which no ultimate radius is as small; for a constant rho it is the smallest that does it.
+    """Return a lower bound of the k1, 1/s, with ultimate radius `radius`, m; for a constant rho, the smallest such k1.
 
     With kappa = k1 lambda_min, d = f_bar + omega_bar and an ultimate radius r, the rate is d^2 / (2 kappa r^2), and the
-    conditions read kappa / 2 - d^2 / (2 kappa r^2) > rho(max(2 r, |e_0| + r)) >= rho(|e_0|). Infinite where no gain
-    does it. Arguments are those of `theorem_1`.
+    conditions read kappa / 2 - d^2 / (2 kappa r^2) > rho(max(2 r, |e_0| + r)) >= rho(|e_0|). It is infinite if no gain
+    satisfies them. Other arguments are those of `theorem_1`.
     """
     slope = as_rho(rho)(initial_error)
     return (slope + math.hypot(slope, (f_bar + omega_bar) / radius)) / lambda_min if lambda_min > 0.0 else math.inf
 
 
 def disturbance_bound(sigma_max_B: float, lambda_min: float, agents: int, targets: int, largest: float) -> float:
-    """omega_bar = (1 + sigma_max(B) / lambda_min(H)) sqrt(max(N, M)) max_i omega_bar_i, in m/s."""
+    """Return omega_bar = (1 + sigma_max(B) / lambda_min(H)) sqrt(max(N, M)) max_i omega_bar_i, m/s."""
     if largest == 0.0:
         return 0.0
     if lambda_min <= 0.0:
