@@ -103,6 +103,12 @@ def test_of_a_map_that_is_too_large_to_store_norms_bound_the_blocks(monkeypatch:
     assert np.isfinite(large.spread(radii, slopes, moves)).all()
 
 
+def test_what_a_range_leaves_free_stays_where_the_team_is() -> None:
+    seen = [{"between": ["A", "T"], "measures": "range", "offset": [5.0]}]
+    system = build_scenario({"A": [4.0, 4.0]}, {"T": [1.0, 0.0]}, seen).system.local
+    np.testing.assert_allclose(Carrier(system).extend(system.initial[1:]), [4.0, 4.0], rtol=1e-9)
+
+
 def _moving(target: dict[str, Any] | None = None, **changes: Any) -> System:
     """An agent and a target that begin at the origin, with a continuous law; fields replace fields."""
     law = {"gain": 1.0, "control_period": 0, "record_period": 0.1}

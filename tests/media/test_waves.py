@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 import mjsheaf
 from mjsheaf.errors import InputError
-from mjsheaf.media.medium import advance, new_state, surface_about
+from mjsheaf.media.medium import advance, mean_flow, new_state, surface_about
 from mjsheaf.media.waves import GRAVITY, Waves, wave_numbers
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
@@ -89,6 +89,7 @@ def test_velocity_and_elevation_are_airys_sums(depth: float | None, spreading: s
     assert probe.velocity("boat", times, points) == pytest.approx(boat, abs=1e-11)
     assert probe.surface(times, points) == pytest.approx(np.cos(theta) @ c.amplitude, abs=1e-11)
     assert not probe.velocity("front", times, abs(points)).any()
+    assert not mean_flow(scenario.system.medium, scenario.team.index["diver"], 0.0, points).any()
     assert scenario.system.largest_disturbance[scenario.team.index["boat"]] == pytest.approx(np.sum(speed * surface))
 
 
