@@ -190,6 +190,14 @@ def test_waves_belong_to_the_water_and_a_gamma_to_jonswap() -> None:
         sea({**PM, "gamma": 2.0})
 
 
+def test_spread_waves_come_from_both_sides_of_their_direction() -> None:
+    """Of the density 2 cos^2 x / pi the mean is 0, and the variance pi^2 / 12 - 1 / 2."""
+    unit = Waves.model_validate({**PM, "spreading": "cos2", "components": 1000}).components_of(0).unit
+    angle = np.arctan2(unit[:, 1], unit[:, 0])
+    assert angle.mean() == pytest.approx(0.0, abs=0.06)
+    assert angle.var() == pytest.approx(np.pi**2 / 12.0 - 0.5, rel=0.1)
+
+
 def test_the_sea_has_a_seed_of_its_own_or_the_scenarios() -> None:
     times, place = np.arange(50.0), [1.0, 2.0, 0.0]
 
