@@ -17,7 +17,7 @@ from mjsheaf.checking.theorem import certificate as certificates
 from mjsheaf.checking.theorem import constants
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.checking.theorem.constants import Difference
-from mjsheaf.checking.theorem.of_run import BROKEN, RunBound, bound_of_run
+from mjsheaf.checking.theorem.of_run import BROKEN, RunBound, bound_ahead, bound_of_run
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import flow_jacobian, known, make_fields, require
 from tests.commands import Capture, call
@@ -133,15 +133,33 @@ def test_no_held_team_exceeds_its_bound(seed: int) -> None:
 
 
 def test_a_hold_that_rings_is_not_certified() -> None:
-    assert "rings" in certify(scenario_from_mapping(_pushed(11.0, 0.1, 1.0)).system).reason
+    system = scenario_from_mapping(_pushed(11.0, 0.1, 1.0)).system
+    assert "rings" in certify(system).reason
+    assert bound_ahead(system) is None
+
+
+def test_the_bound_ahead_of_a_run_is_that_of_the_run() -> None:
+    """On bodies an error below a hundredth of the first is only inertia."""
+    raw = _pushed(1.0, 0.0, 0.5)
+    run, data = run_of(raw)
+    ahead = known(bound_ahead(scenario_from_mapping(raw).system))
+    np.testing.assert_allclose(ahead, run.at(data["time"].values) + 0.005, rtol=1e-9)
 
 
 def test_links_that_tell_nothing_do_not_connect() -> None:
     blind = {"between": ["A", "B"], "map": {"tail": [[0.0, 0.0]], "head": [[1.0, 0.0]]}}
-    agents, sensing = {"A": [0.0, 0.0], "B": [1.0, 0.0]}, [["A", "T"], ["B", "T"]]
+    agents, sensing = {"A": [0.0, 0.0], "B": [1.0, 0.0], "C": [2.0, 0.0]}, [[id, "T"] for id in "ABC"]
     record = analyse(make_fields(agents, {"T": [0.0, 0.0]}, sensing, communication=[blind], time={"end": 1.0}))
     assert _verdicts(record) == "hhhhfhh"
-    assert "fall into 2 parts" in record["assumptions"][4]["witness"]
+    assert "fall into 3 parts: {A}; {B}; {C}" in record["assumptions"][4]["witness"]
+
+
+def test_in_a_current_without_slopes_the_weaker_bound_is_the_bound() -> None:
+    """1 m/s of drift, and up to 0.25 m/s of a tide along it."""
+    raw = _pushed(1.0, 0.0, 0.0)
+    raw["flow"]["agents"]["tide"] = {"amplitude": 0.25, "period": 5.0}
+    certificate = certify(scenario_from_mapping(raw).system)
+    assert certificate.weaker.f_bar == certificate.theorem.f_bar == pytest.approx(1.25)
 
 
 @pytest.mark.slow

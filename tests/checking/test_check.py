@@ -134,6 +134,8 @@ def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
     faster = analyse("certified", rate=theorem["lambda_V"] * 2)["theorem"]
     assert faster["applies"] is False
     assert "too fast" in faster["reason"]
+    weak = analyse("certified", {"controller.gain": 0.01}, rate=1.0)["theorem"]
+    assert "k_min = 0.005 1/s does not exceed rho" in weak["reason"]  # at any rate
     wanted = analyse("certified", radius=0.4)["theorem"]["gain_for_wanted_radius"]
     there = analyse("certified", {"controller.gain": wanted})["theorem"]
     # The region shrinks or grows a little with the gain, and the constants with it.

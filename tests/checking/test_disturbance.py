@@ -10,7 +10,9 @@ from rich.console import Console
 
 import mjsheaf
 from mjsheaf.checking import examine_scenario
+from mjsheaf.checking.loop.prediction import DisturbanceRecord, predict_rms
 from mjsheaf.checking.report import report, screen
+from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
 from tests.builders import known, list_members, make_fields, make_scenario, mixed_scenario, require
@@ -208,14 +210,32 @@ def test_long_runs_move_as_predicted(scenario: Scenario, ideal: Any, bodies: Any
         assert measured(scenario, "physics", end, seeds, "fused") == pytest.approx(record["bodies"], rel=accuracy)
 
 
-@pytest.mark.slow
-def test_what_passes_through_the_surface_has_no_prediction() -> None:
-    motion = {"kind": "lissajous", "amplitude": [0, 0, 2], "rate": [0, 0, 0.5]}
-    diving = under_water(None, targets=list_members({"T": [0, 0, -1]}, motion=motion), time={"end": 3.0})
-    record = prediction(diving)
-    assert record["rms"] is None
-    assert "T passes through the surface of the waves" in record["reason"]
-    assert set(record["agents"].values()) == {None}
+def predicted(scenario: Scenario) -> DisturbanceRecord:
+    """Return the prediction where nothing but waves moves the water."""
+    team = scenario.system.team
+    return predict_rms(scenario.system, spectrum_of(team), np.zeros((len(team.agents), 3)))
+
+
+@pytest.mark.parametrize(("place", "height", "id"), [(-1.0, 2.0, "T"), (-2.0, 0.3, "S")], ids=["target", "agent"])
+def test_what_passes_through_the_surface_has_no_prediction(place: float, height: float, id: str) -> None:
+    """The place of S is 1.8 m above T."""
+    motion = {"kind": "lissajous", "amplitude": [0, 0, height], "rate": [0, 0, 0.5]}
+    sensing = [{"between": ["S", "T"], "offset": [3, 0, 1.8]}, {"between": ["B", "T"], "offset": [0, 4]}]
+    targets = list_members({"T": [0, 0, place]}, motion=motion)
+    record = predicted(under_water(None, targets=targets, sensing=sensing, time={"end": 4.0}))
+    assert record.rms is None
+    assert f"{id} passes through the surface of the waves" in record.reason
+    assert set(record.agents.values()) == {None}
+
+
+@pytest.mark.parametrize("link", [{"delay": 0.1}, {"loss": 0.1}, {"range": 90.0}], ids=str)
+def test_over_links_that_are_not_exact_there_is_no_prediction(link: dict[str, float]) -> None:
+    assert "delayed or lost" in predicted(lone(0.5, 0.1, PM, links={"sensing": link})).reason
+
+
+@pytest.mark.parametrize("period", [0.0, 0.1])
+def test_a_boat_at_its_target_is_moved_as_the_target_is(period: float) -> None:
+    assert predicted(lone(0.5, period, PM, targets=list_members({"T": [5, 0]}))).rms == pytest.approx(0.0, abs=1e-12)
 
 
 def over_seeds(name: str, backend: str, runs: int) -> dict[str, float]:

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mjsheaf.checking.theorem.flow_bounds import Supremum, _Kernels
+from mjsheaf.checking.theorem.flow_bounds import Supremum, _Kernels, flow_scale
 from mjsheaf.checking.theorem.flow_bounds import supremum as supremum_of
 from mjsheaf.media import FlowField
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
@@ -134,6 +134,13 @@ def test_the_bound_of_one_cell_holds(slope: bool, seed: int, space: tuple[int, b
     values, bounds = kernels.bounds(centre, half, slope)
     assert np.all(kernels.values(points, slope) <= bounds)
     assert values[0] <= bounds[0]
+
+
+def test_the_bound_of_the_second_derivative_is_attained_far_from_a_pole() -> None:
+    """The velocity is the conjugate of 1 / z, whose second derivative is 2 / z^3."""
+    kernels = _Kernels(field_of(2, 0.1, sources=[[0.0, 0.0, 1.0]]).table, 2, 2, True)
+    _, curvature = kernels._pole_bounds(np.array([[60.0, 80.0]]), np.full((1, 2), 1e-6), True)
+    assert curvature == pytest.approx(2.0 / 100.0**3, rel=1e-4)
 
 
 @pytest.mark.slow
@@ -279,6 +286,7 @@ def test_a_drift_alone_is_exact(planar: bool) -> None:
         low, high = np.full(3, -1e6), np.full(3, 1e6)
         speed = largest_speed(field, low, high, planar=planar, tolerance=0.0)
         assert speed.upper == speed.seen == (5.0 if planar else 13.0)
+        assert not speed.where.any()  # the centre of the box
         assert speed.exact
         for none in (
             largest_speed(field, low, high, planar=planar, tolerance=0.0, drift=False),
@@ -319,6 +327,7 @@ def test_when_the_cells_run_out_the_bound_still_holds(supremum: Callable[..., Su
 def test_shapes() -> None:
     """A planar vehicle's point has two numbers; a planar field ignores the z of a box."""
     plane, space = paper_field("agent_field"), paper_field("target_field")
+    assert flow_scale(field_of(2, 12.0, sources=[[0.0, 0.0, 1.0]]).table, 3.0, 4.0, 6.0) == pytest.approx(13.0)
     for field in (plane, space):
         same(
             largest_speed(field, [-1, -1], [1, 1], planar=True),

@@ -4,7 +4,7 @@ Oracles: runs of the ideal backend; between their samples, scipy's integrator; a
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,7 +15,8 @@ import mjsheaf
 from mjsheaf.checking.check import propose
 from mjsheaf.checking.loop import held_law
 from mjsheaf.checking.loop.body_loop import loop_on_path
-from mjsheaf.checking.loop.held_law import Envelope, envelope, law_loop, loop_of
+from mjsheaf.checking.loop.held_law import Envelope, Loop, envelope, law_loop, loop_of
+from mjsheaf.checking.loop.linear_law import LinearLaw
 from mjsheaf.checking.loop.margins import hold_margin
 from mjsheaf.checking.spectrum import spectrum_of
 from mjsheaf.checking.theorem.certificate import certify
@@ -147,6 +148,29 @@ def test_stable_gains_are_those_of_a_scan(kind: str, seed: int) -> None:
         assert (replace(loop, gain=float(gain)).radius < 1.0) == (low < gain < high), gain
 
 
+class TwoStretches:
+    """A law with two numbers of memory, under which H = 1 is stable at two separate stretches of gains."""
+
+    plain = False
+
+    def feedback(self, gain: float, values: Array) -> LinearLaw:
+        A, B, C, D = np.diag([0.2, 0.9]), np.ones((2, 1)), np.array([0.9, -0.8]), np.array([-1.2])
+        return LinearLaw(*(np.array([part] * len(values)) for part in (A, B, gain * C, gain * D)), np.zeros(2))
+
+
+@pytest.mark.parametrize(
+    ("gain", "first"), [(0.1, True), (0.45, True), (0.7, False), (1.0, False), (2.0, False)], ids=str
+)
+def test_of_two_stretches_of_stable_gains_it_is_the_nearest(gain: float, first: bool) -> None:
+    loop = Loop(cast(Any, TwoStretches()), np.ones(1), gain, 1.0)
+    low, high = known(loop.stable_gains)
+    assert (low == 0.0) == first
+    for end, inwards in ((low, 1.0), (high, -1.0)):
+        for share in (1e-6, -1e-6):
+            beside = end + share * inwards
+            assert beside < 0.0 or (replace(loop, gain=beside).radius < 1.0) == (share > 0.0)
+
+
 def test_no_gain_may_be_stable() -> None:
     """Too much integral for the hold: k_I h^2 lambda beyond 4."""
     raw = random_scenario(1)
@@ -235,6 +259,7 @@ def test_errors_in_another_eigenvector_at_each_sample_are_allowed_for() -> None:
         v = c * v + (1.0 - c) * np.array(r)
     assert np.linalg.norm(v) > 1.3
     assert np.linalg.norm(v) <= held_law._amplified(c)
+    assert held_law._amplified(np.array([0.9999])) == pytest.approx(1.0)  # a geometric series
 
 
 def test_a_deadbeat_loop_has_a_rate() -> None:

@@ -613,6 +613,7 @@ def test_the_fields_that_others_rely_on() -> None:
     plain = checked({})["links"]
     assert plain["exact"]
     assert plain["noise_rms"] == 0.0
+    assert record_of(plain_team(odometry={"noise": 1e-3})).noise is None  # no term uses it
     assert plain["mean_square_rate"] == pytest.approx(checked({})["law"]["spectral_radius"] ** 2)
 
 

@@ -269,6 +269,15 @@ def test_the_largest_eigenvalue_gives_the_largest_gain_of_check() -> None:
         )
 
 
+def test_a_place_at_which_ranges_push_the_agent_away_is_unstable() -> None:
+    """Halfway between two targets, 1 m from each, whose ranges are 5 m: H is 2 (1 - 5) across the line."""
+    sensing = [{"between": ["A", id], "measures": "range", "offset": [5.0]} for id in ("T0", "T1")]
+    targets = {"T0": [-1.0, 0.0], "T1": [1.0, 0.0]}
+    record = analyse(build_scenario({"A": [0.0, 0.0]}, targets, sensing, **USUAL))
+    assert record["law"]["spectral_radius"] == pytest.approx(1.0 + 8.0 * GAIN * PERIOD)
+    assert record["margins"]["bodies"]["stable"] is False
+
+
 BEARINGS = [[0.6, 0.8], [0.0, -1.0], [1.0, 0.0]]
 
 

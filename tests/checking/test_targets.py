@@ -18,7 +18,7 @@ from mjsheaf.law.paths import Lissajous, Motion, Waypoints, pack_motions, refere
 from mjsheaf.loop.system import System
 from mjsheaf.media.varying import evaluate
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import build_scenario, field_of, flow_jacobian, mixed_scenario
+from tests.builders import build_scenario, field_of, flow_jacobian, known, mixed_scenario
 from tests.checking.adversarial import adversarial_scenario
 from tests.checking.oracle import Truth, solve
 
@@ -86,6 +86,14 @@ def test_the_bound_on_the_difference_is_tight_where_agents_meet_what_targets_do_
     assert largest <= bound <= 1.002 * largest
 
 
+def test_a_narrow_jet_is_not_stepped_over() -> None:
+    """The target crosses it at 5 m/s within a sample, and is moved along it by the integral of 2 exp(-x^2 / 2 w^2)."""
+    jet = {"centre": [11.3, 0.0], "direction": [0.0, 1.0], "beta": 2.0, "width": 0.05, "length": 1e9}
+    flow = {"targets": {"dimension": 2, "drift": [5.0, 0.0], "channels": [jet]}}
+    path = follow_targets(_moving(controller={"gain": 1.0, "control_period": 0.5}, flow=flow))
+    assert path.positions[-1, -1, 1] == pytest.approx(2.0 * 0.05 * np.sqrt(2.0 * np.pi) / 5.0, rel=1e-6)
+
+
 def test_of_a_map_that_is_too_large_to_store_norms_bound_the_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     system, rng = mixed_scenario().system, np.random.default_rng(0)
     N, M = len(system.team.agents), len(system.team.targets)
@@ -103,6 +111,12 @@ def test_of_a_map_that_is_too_large_to_store_norms_bound_the_blocks(monkeypatch:
     assert np.isfinite(large.spread(radii, slopes, moves)).all()
 
 
+def test_what_a_range_leaves_free_stays_where_the_team_is() -> None:
+    seen = [{"between": ["A", "T"], "measures": "range", "offset": [5.0]}]
+    system = build_scenario({"A": [4.0, 4.0]}, {"T": [1.0, 0.0]}, seen).system.local
+    np.testing.assert_allclose(Carrier(system).extend(system.initial[1:]), [4.0, 4.0], rtol=1e-9)
+
+
 def _moving(target: dict[str, Any] | None = None, **changes: Any) -> System:
     """An agent and a target that begin at the origin, with a continuous law; fields replace fields."""
     law = {"gain": 1.0, "control_period": 0, "record_period": 0.1}
@@ -113,7 +127,9 @@ def _moving(target: dict[str, Any] | None = None, **changes: Any) -> System:
 
 def test_a_path_that_takes_too_many_steps_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
     fast = {"kind": "lissajous", "amplitude": [1.0, 0.0], "rate": [50.0, 0.0], "phase": [0.0, 0.0]}
-    assert follow_targets(_moving({"motion": fast})).warning == ""
+    path = follow_targets(_moving({"motion": fast}))
+    assert path.warning == ""
+    assert (known(path.cells).end - known(path.cells).begin).max() <= 0.1251 / 50.0  # an eighth of a radian
     monkeypatch.setattr(targets, "MOST_STEPS", 1000)
     path = follow_targets(_moving({"motion": fast}))
     assert path.cells is None

@@ -64,6 +64,7 @@ def test_the_bound_is_attained_where_it_can_be(seed: int) -> None:
     run = bound_of_run(scenario.system, mjsheaf.simulate(scenario, "ideal"))
     assert run.applies
     assert 0.95 <= known(run.settled_ratio) <= known(run.ratio) <= 1.0 + 1e-9
+    assert run.certificate.bound(0.0, np.zeros(1)) == 0.0  # nothing is added to it in continuous time
 
 
 def test_sets_and_gain_condition() -> None:

@@ -84,6 +84,7 @@ def test_paths_pass_through_their_points_at_mean_speed(case: tuple[Waypoints, Ar
     times, points = knots(*case)
     for t, point in zip(times, points, strict=True):
         np.testing.assert_allclose(target.position(t)[: len(point)], point, atol=1e-8)
+        np.testing.assert_allclose(motion.position_at(target.free, 1, t)[: len(point)], point, atol=1e-8)
     if case[1].size == 2:
         assert target.position(times.mean())[2] == target.velocity(times.mean())[2] == 0.0
 

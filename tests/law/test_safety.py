@@ -473,21 +473,29 @@ def test_results_say_what_the_filter_did() -> None:
 
 
 def test_a_limited_command_that_satisfies_all_constraints_is_the_laws_to_the_bit() -> None:
-    """Also where a constraint demands motion, so that the limit is part of the problem: its integral term sees that."""
-    raw = swap(2)
-    raw["agents"][1]["position"] = [9.0, 0.0, 5.0]  # closer than the distance: both have to part
-    scenario, rng, same = load_scenario(raw), np.random.default_rng(3), 0
-    law, places = scenario.system.control.law, np.array([[10.0, 0.0, 5.0], [9.0, 0.0, 5.0]])
-    for _ in range(100):
-        memory = new_memory(law, 2)
-        memory.command[:] = wanted = 9.0 * rng.normal(size=(2, 3))
+    """Also where a constraint demands motion, so that the limit is part of the problem: its integral term sees that.
+
+    And where the unlimited command violates another one: the first may not come closer to the third at more than 1.05.
+    """
+    raw = swap(3)
+    places = np.array([[10.0, 0.0, 5.0], [9.0, 0.0, 5.0], [15.0, 0.0, 5.0]])
+    for agent, place in zip(raw["agents"], places, strict=True):
+        agent["position"] = place.tolist()  # the first two are closer than the distance: both have to part
+    scenario, rng, same, beyond = load_scenario(raw), np.random.default_rng(3), 0, 0
+    law = scenario.system.control.law
+    for _ in range(200):
+        memory = new_memory(law, 3)
+        memory.command[:] = wanted = 9.0 * rng.normal(size=(3, 3))
         keep_apart(law.safety, law.limit, 0.0, places, memory)
         limited = 2.0 * wanted / np.linalg.norm(wanted, axis=1)[:, None]
-        satisfied = limited @ [1.0, 0.0, 0.0] * [1.0, -1.0] >= 0.75  # -gamma h / (4 |z|) = 3 / 4
-        np.testing.assert_array_equal(memory.command[satisfied], wanted[satisfied])
-        np.testing.assert_array_equal(memory.safety.found[:, 0] > 0.0, ~satisfied)
+        along = limited[:2, 0] * [1.0, -1.0]
+        satisfied = (along >= 0.75) & (along <= [1.05, np.inf])  # -gamma h / (4 |z|) = 3 / 4, and -21 / 20
+        np.testing.assert_array_equal(memory.command[:2][satisfied], wanted[:2][satisfied])
+        np.testing.assert_array_equal(memory.safety.found[:2, 0] > 0.0, ~satisfied)
         same += int(satisfied.sum())
-    assert 20 < same < 180
+        beyond += bool(satisfied[0] and wanted[0, 0] > 1.05)
+    assert 40 < same < 360
+    assert beyond > 5
 
 
 @pytest.mark.long

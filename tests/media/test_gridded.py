@@ -8,6 +8,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.errors import InputError, UnstableError
+from mjsheaf.media.gridded import _cell
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
 from tests.media import double_gyre
@@ -87,6 +88,13 @@ def test_bounds_are_attained_at_nodes_and_not_exceeded_between(file: Path) -> No
     changes = np.linalg.norm(probe.velocity("buoy", times + h, points) - at, axis=1) / h
     assert changes.max() <= bounds.change[1] + 1e-6
     assert bounds.speed[0] == bounds.speed[1]
+
+
+def test_every_node_of_an_axis_is_in_a_cell() -> None:
+    axis = np.array([0.0, 1.0, 3.0, 7.0])
+    for x in axis:
+        k = _cell(axis, x)
+        assert axis[k] <= x <= axis[k + 1]
 
 
 def test_places_and_times_beyond_the_file_are_refused_with_the_numbers(file: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 import mjsheaf
 from mjsheaf.errors import InputError
 from mjsheaf.media.gusts import FOOT, OUTPUT, Gusts, discretise
-from mjsheaf.media.medium import moving_along, pack_parts
+from mjsheaf.media.medium import _lasting, moving_along, pack_parts
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, mixed_scenario, team_of
 
@@ -202,6 +202,11 @@ def test_a_run_goes_on_from_a_state_and_begins_again_to_the_bit(backend: str) ->
         for _ in range(10):
             session.step()
         assert np.array_equal(session.engine.positions(), end)
+
+
+def test_a_medium_may_be_asked_for_after_the_end_of_the_run() -> None:
+    system = gusty({"frozen": True}, controller={"gain": 1.0, "control_period": 0.1}).system
+    assert _lasting(system, 100.0).grid.steps == 1000
 
 
 def test_a_frozen_field_that_is_too_long_is_refused() -> None:

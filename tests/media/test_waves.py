@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 import mjsheaf
 from mjsheaf.errors import InputError
-from mjsheaf.media.medium import advance, new_state, surface_about
+from mjsheaf.media.medium import advance, mean_flow, new_state, surface_about
 from mjsheaf.media.waves import GRAVITY, Waves, wave_numbers
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import scenario_from_mapping
@@ -89,6 +89,7 @@ def test_velocity_and_elevation_are_airys_sums(depth: float | None, spreading: s
     assert probe.velocity("boat", times, points) == pytest.approx(boat, abs=1e-11)
     assert probe.surface(times, points) == pytest.approx(np.cos(theta) @ c.amplitude, abs=1e-11)
     assert not probe.velocity("front", times, abs(points)).any()
+    assert not mean_flow(scenario.system.medium, scenario.team.index["diver"], 0.0, points).any()
     assert scenario.system.largest_disturbance[scenario.team.index["boat"]] == pytest.approx(np.sum(speed * surface))
 
 
@@ -187,6 +188,14 @@ def test_waves_belong_to_the_water_and_a_gamma_to_jonswap() -> None:
         mixed_scenario(flow={"air": {"dimension": 3, "waves": PM}})
     with pytest.raises(InputError, match="gamma"):
         sea({**PM, "gamma": 2.0})
+
+
+def test_spread_waves_come_from_both_sides_of_their_direction() -> None:
+    """Of the density 2 cos^2 x / pi the mean is 0, and the variance pi^2 / 12 - 1 / 2."""
+    unit = Waves.model_validate({**PM, "spreading": "cos2", "components": 1000}).components_of(0).unit
+    angle = np.arctan2(unit[:, 1], unit[:, 0])
+    assert angle.mean() == pytest.approx(0.0, abs=0.06)
+    assert angle.var() == pytest.approx(np.pi**2 / 12.0 - 0.5, rel=0.1)
 
 
 def test_the_sea_has_a_seed_of_its_own_or_the_scenarios() -> None:
