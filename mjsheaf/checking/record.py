@@ -371,7 +371,8 @@ def _of_loops(
     late = min(late, bodies.largest_gain or math.inf)
     if law.unmodelled:
         yield Problem(kind="undecided", what=f"the law is undecided, {because_of(law.unmodelled)}")
-    if law.stable is False and law.stable_gains is None:
+    at_any_gain = law.stable is False and law.stable_gains is None
+    if at_any_gain:
         yield Problem(kind="held_law", what="the held law is unstable at any controller.gain")
     elif law.stable is False and law.stable_gains is not None:
         low, high = law.stable_gains
@@ -384,7 +385,9 @@ def _of_loops(
         yield _of_gain(
             "links", UNSTABLE_LINKS, why, reserve * late if mends else None, ", or use links with less delay and loss"
         )
-    if bodies.stable is False:
+    if bodies.stable is False and at_any_gain and bodies.largest_gain is None:
+        yield Problem(kind="bodies", what=bodies.verdict())
+    elif bodies.stable is False:
         yield _of_gain("bodies", bodies.verdict(), gain=reserve * late if bodies.largest_gain is not None else None)
     elif bodies.stable is None and bodies.stable_over_exact_links is False:
         yield _of_gain("bodies", "the vehicles' loop is unstable, even if links were exact")

@@ -276,6 +276,8 @@ def test_a_place_at_which_ranges_push_the_agent_away_is_unstable() -> None:
     record = analyse(build_scenario({"A": [0.0, 0.0]}, targets, sensing, **USUAL))
     assert record["law"]["spectral_radius"] == pytest.approx(1.0 + 8.0 * GAIN * PERIOD)
     assert record["margins"]["bodies"]["stable"] is False
+    assert record["margins"]["bodies"]["largest_gain"] is None
+    assert [problem["fix"] for problem in record["problems"]] == ["", ""]
 
 
 BEARINGS = [[0.6, 0.8], [0.0, -1.0], [1.0, 0.0]]

@@ -440,12 +440,16 @@ class TeamLoop(NamedTuple):
     ) -> float | None:
         """Find the gain, 1/s, at which a mode begins to grow: the next above a stable gain, or below an unstable one.
 
-        With `least_damping`, it is the gain above which a mode has a smaller damping ratio.
+        With `least_damping`, it is the gain above which a mode has a smaller damping ratio. None if none is found.
         """
 
+        def growth(k: float) -> float:
+            return max(block.growth(k) for block in self.blocks)
+
         def rings(k: float) -> bool:
-            grows = max(block.growth(k) for block in self.blocks) > self.neutral
-            return grows or (least_damping is not None and self.modes(k).least_damped()[1] < least_damping)
+            return growth(k) > self.neutral or (
+                least_damping is not None and self.modes(k).least_damped()[1] < least_damping
+            )
 
         low = high = gain
         up = not rings(gain)
@@ -454,6 +458,9 @@ class TeamLoop(NamedTuple):
             if rings(high if up else low) == up:
                 break
         else:
+            return None
+        # A mode that H pushes away grows at any gain, in proportion to it, until its growth counts as none.
+        if not up and growth(high) <= 2.0 * self.neutral:
             return None
         while high > (1.0 + accuracy) * low:
             middle = float(np.sqrt(low * high))
