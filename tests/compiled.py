@@ -1,7 +1,7 @@
 """Compile the loops that many tests run, in one process for each engine: `python -m tests.compiled ideal|mujoco|fused`.
 
-Scenarios that ship, for a few periods: they have the kinds of edges, links, terms, media and vehicles that others than
-long tests have. It takes seconds where machine code is on the disk.
+Scenarios that ship, for a few periods. Together they have the kinds of edges, links, terms, media and vehicles of all
+tests that are not marked `long`. It takes seconds where machine code is on the disk.
 """
 
 import sys

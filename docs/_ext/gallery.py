@@ -102,7 +102,8 @@ def page(name: str) -> str:
     lines += [f"mjsheaf check {name}", f"mjsheaf run {name}{option and ' ' + option}", "```\n"]
     if refused:
         lines.append(f"`mjsheaf run {name}` refuses this scenario: {fields.prose(refused)}. ")
-        lines.append(f"Replay and numbers are from a run with `{option}`{_WORKING.get(name, '')}.\n")
+        if name in replays.shown():
+            lines.append(f"Replay and numbers are from a run with `{option}`{_WORKING.get(name, '')}.\n")
     if name in replays.shown():
         summary = replays.summary_of(name)
         lines += ["## Replay\n", "Drag to turn the scene. Click a curve to jump to that moment.", *_open(name), ""]

@@ -238,7 +238,7 @@ def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
 
     Args:
         part: Record of the analysis.
-        stable: True if the law is known to be stable; used for teams to which Theorem 1 does not apply.
+        stable: True if the law is known to be stable; used for teams that Theorem 1 is not about.
     """
     return [
         *_of_assumptions(part),
@@ -252,8 +252,8 @@ def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
 def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) -> list[Problem]:
     """Return the problems that the analysis leaves undecided and a trial decides.
 
-    These are loops of boats without a linear model, and of slow vehicles over links whose delays and losses give a
-    phase at the crossover above `largest`, rad.
+    These are loops of boats without a linear model, and of slow vehicles over links, if their inertia, delays and
+    losses together give a phase lag at the crossover above `largest`, rad.
     """
     parts: list[PartRecord] = [record, *record.phases]
     for part in parts:
@@ -316,7 +316,7 @@ def headline(record: CheckRecord) -> str:
 
 
 def _of_assumptions(part: PartRecord) -> Iterator[Problem]:
-    """Yield the assumptions that do not hold; if Theorem 1 does not apply to a team, only those on topology."""
+    """Yield the assumptions that do not hold; only those on topology for teams that Theorem 1 is not about."""
     for a in part.assumptions:
         if a.applies and not a.holds and (part.theorem.holds is not None or a.number in (5, 6)):
             word = "fails" if a.verdict == "fails" else "is undecided"
@@ -340,7 +340,7 @@ def _of_assumptions(part: PartRecord) -> Iterator[Problem]:
 
 
 def _of_shape(part: PartRecord, *, stable: bool) -> Iterator[Problem]:
-    """Yield why a team to which Theorem 1 does not apply does not, or may not, keep its shape."""
+    """Yield why a team that Theorem 1 is not about does not, or may not, keep its shape."""
     shape = part.rigidity
     if shape.localizable is None and shape.rigid is not True:
         why = (

@@ -10,8 +10,8 @@ vehicle at distance d is n . u >= w (p - gamma (d^2 - D^2) / (2 d)), see `mjshea
     d = (s + sqrt(s^2 + gamma^2 D^2)) / gamma,    s = p - n . u / w,
 
 where p bounds the speed at which the other vehicle and the media close in, and w is the agent's weight, which is 1
-towards vehicles and obstacles that do not yield. s is the largest closing speed for the filter. It is p for an agent
-that commands zero velocity. An agent that holds its place downwind of another vehicle, or follows it, commands a
+towards vehicles and obstacles that do not yield. s is the closing speed that the filter must allow for. It is p for an
+agent that commands zero velocity. An agent that holds its place downwind of another vehicle, or follows it, commands a
 velocity towards it. The filter does not assume that the other vehicle keeps moving, so s is larger. To come as near as
 d, gamma must be 2 d s / (d^2 - D^2).
 

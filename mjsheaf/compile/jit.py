@@ -69,7 +69,7 @@ _logger = logging.getLogger("mjsheaf")
 
 
 class _Compilations(event.Listener):
-    """Adds up the time that numba compiles: seconds that later runs do not take.
+    """Total time that numba takes to compile: seconds that later runs do not need.
 
     Attributes:
         seconds: Time that compiling took, s.
@@ -110,7 +110,7 @@ def compilation_time() -> float:
 
 
 def is_compiling() -> bool:
-    """Return whether a function is being compiled."""
+    """Return True if a function is being compiled."""
     return bool(_compilations.begun)
 
 

@@ -342,13 +342,13 @@ class Feedforward(Term):
 
 
 class Newton(Term):
-    """Motion straight to q* instead of along the gradient of the disagreement."""
+    """Motion straight to q* instead of down the slope of the disagreement."""
 
     rounds: Rounds = Field(3, description=_ROUNDS)
 
 
 class Drift(Term):
-    """Observer of the medium velocity, which adds to the agent's command."""
+    """Observer of the medium velocity, which is subtracted from the command."""
 
     filter: NonNegative = Field(0.1, description="time constant of the observer [s]")
 
@@ -739,8 +739,8 @@ def navigate(present, law, x, carried, command, memory):
     """Write the agents' odometry since the previous sample, and the medium velocity that they measure.
 
     Args:
-        present: `law.terms.present`; as a separate argument, because numba omits code that depends on the length of an
-            argument.
+        present: `law.terms.present`; as a separate argument, because numba leaves out a branch only if its condition is
+            the length of an argument.
         law: The law.
         x: Positions, shape (V, 3), m.
         carried: Velocity over ground minus velocity through the medium, measured on bodies, shape (V, 3), m/s. If None,

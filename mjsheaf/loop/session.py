@@ -221,8 +221,8 @@ def prepare_run(
 
     Raises:
         InputError: The backend or engine is unknown; threads is below 1; an engine or several threads are given for
-            ideal kinematics; the engine has no contacts; a vehicle is unknown or does not fit its agent or target; or a
-            g does not have full row rank.
+            ideal kinematics; contacts are on, and the engine has none; a vehicle is unknown or does not fit its
+            agent or target; or a g does not have full row rank.
         NotUniqueError: The harmonic extension is not unique in some phase of the run, and drift is not allowed.
     """
     from mjsheaf.loop.system import DEFAULT_VEHICLE, on_engine, phases_of

@@ -147,8 +147,8 @@ def is_level(error: Array) -> bool:
 def settling_time(time: Array, error: Array) -> float | None:
     """Return the time from the start until an error has become level, s; None if it never does.
 
-    It is the first sample after which the error stays below 1.25 times its maximum over the second half of the run plus
-    2 % of its maximum over the run. The transient is then small relative to the remaining constant, oscillation or
+    It is the first sample from which on the error stays below 1.25 times its maximum over the second half of the run
+    plus 2 % of its maximum over the run. The transient is then small relative to the remaining constant, oscillation or
     noise.
 
     Args:

@@ -14,7 +14,7 @@ reachable. Only the values r at the free roots remain unknown: x = P r + G y wit
 P r that satisfy all edges. This is a small problem instead of a large one.
 
 The certificate: |delta x| >= |x| / |G| for x orthogonal to P. So delta has at most dim r singular values below 1 / |G|.
-This number is compared with the tolerance. The inequality |x_w| <= a |x_u| + b |y_e| with a >= |F_w^+ F_u| and
+1 / |G| is compared with the tolerance. The inequality |x_w| <= a |x_u| + b |y_e| with a >= |F_w^+ F_u| and
 b >= |F_w^+| bounds G entry by entry, and |G|^2 <= |G|_1 |G|_inf, both sums along the forest. Rotations give
 |G|^2 <= depth times size of a tree, far from any tolerance. If the bound is too weak for a component, the general
 method above is used.

@@ -396,7 +396,7 @@ class Block(NamedTuple):
             )
 
     def growth(self, gain: float) -> float:
-        """Return the growth factor over a period of the fastest growing mode at a gain, 1/s."""
+        """Return the logarithm of the growth factor over a period of the fastest growing mode at a gain, 1/s."""
         return float(np.log(max(np.abs(np.linalg.eigvals(M)).max() for _, M in self.matrices(gain))))
 
 
@@ -413,7 +413,7 @@ class TeamLoop(NamedTuple):
 
     @property
     def neutral(self) -> float:
-        """Growth factor over a period up to which a mode counts as neutral."""
+        """Logarithm of the growth factor over a period up to which a mode counts as neutral."""
         return NEUTRAL_RATE * self.period
 
     def modes(self, gain: float) -> Modes:
@@ -666,7 +666,7 @@ def _eigenvalues(H: sparse.csr_array, agents: IntArray, least: float) -> tuple[A
 
 
 def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) -> Block:
-    """Return the loop of a whole team of different vehicles, in the range of H.
+    """Return the loop of a whole team of different vehicles, on the orthogonal complement of the null space of H.
 
     Raises:
         UndecidedError: It is too large.
@@ -674,16 +674,25 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
     team = system.team
     owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
     problem = team.law_problem
-    states = problem.H.shape[0] - problem.sparse_null_basis.shape[1] + sum(len(model.A) for model in models)
-    if states > 10 * LARGEST_WHOLE:
-        raise UndecidedError(f"too many unlike vehicles: {states} states")
     H = problem.H.toarray() if team.symmetric else matrix_of(team)
+    _require_size(owner, models)
     Q = np.eye(len(H)) if problem.unique else linalg.null_space(problem.null_basis.T)
     if not system.law.extended:
         return joined(models, lambda gain: without_memory(-gain * H), Q, owner)
     values, vectors = held_modes(system, spectrum)
     model = model_of(system.law, system.grid.period)
     return joined(models, lambda gain: model.feedback(gain, values).of_team(vectors), Q, owner)
+
+
+def _require_size(owner: IntArray, models: Sequence[LinearVehicle]) -> None:
+    """Refuse a loop that is too large to be put together; see `joined`.
+
+    Raises:
+        UndecidedError: It has more than ten times LARGEST_WHOLE states.
+    """
+    states = len(owner) + sum(len(model.A) for model in models)
+    if states > 10 * LARGEST_WHOLE:
+        raise UndecidedError(f"too many unlike vehicles: {states} states")
 
 
 def joined(
@@ -740,6 +749,7 @@ def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsL
         for k in range(len(medium)):
             medium[k] += np.mean(system.flows[int(system.field[N + k])].velocity(positions[:, k]), axis=0)
         models = linear_vehicles(system, range(N, len(system.team.members)), medium)
+        _require_size(owner, models)
         team_loop = TeamLoop(
             [joined(models, lambda gain: without_memory(-gain * S), np.eye(len(S)), owner)], period_of_law(system)
         )

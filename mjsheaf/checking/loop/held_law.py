@@ -473,8 +473,8 @@ def loop_of(system: System) -> Loop:
     """Return the held loop of a system's law.
 
     Raises:
-        UndecidedError: A part of the law is not modelled (see `linear_law`), the law is continuous, q* is not unique,
-            H is too large for its eigenvalues, or rounds can be delayed or lost.
+        UndecidedError: A part of the law is not modelled (see `linear_law`), the law is continuous, H is singular in
+            a team that is not free or too large for its eigenvalues, or rounds can be delayed or lost.
     """
     require_model(system)
     if not system.team.symmetric and system.grid.continuous:
@@ -601,7 +601,7 @@ def _amplified(
     *,
     samples: int = 4000,  # samples of a filter's response
 ) -> float:
-    """Return the largest error of v due to errors of at most 1 at each sample, 2-norms: sum_j max |(1 - c) c^j|.
+    """Bound the error of v due to errors of at most 1 at each sample, 2-norms: sum_j max |(1 - c) c^j|.
 
     The maximum is taken for each power, because the error may lie in another eigenvector at each sample.
     """

@@ -39,7 +39,8 @@ from mjsheaf.loop.system import System
 
 INPUTS = ("position", "eta", "sensed", "sensed_motion", "own_motion")
 """Inputs of the model: the agent's position, m; errors of eta, of the sum of F^T K y over sensing edges, and of the
-agent's odometry in that sum (each in units of eta, m); and errors of the agent's own odometry, m."""
+displacement that is added to this sum (each in units of eta, m); and errors of the displacement that other terms use,
+m."""
 
 _MOTION = 2.0**-20  # m, from rest: a power of two, so that a linear law scales without rounding
 _OTHER_MOTIONS = (2.0**-34, -(2.0**-20), 2.0**-12, -(2.0**-6), 1.0, -(2.0**5), 2.0**10)  # m, to test linearity

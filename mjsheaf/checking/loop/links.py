@@ -1,7 +1,8 @@
 """A law over its links, linear about q*: the measurements of edges, and the effects of delay, noise and loss.
 
 The module is about the held law on ideal kinematics, within speed limits, while bodies are within range of one another,
-and without the slope of the flow. Results are exact, or null if no exact result is known.
+and without the slope of the flow. Results are exact or null, except for estimates that are marked by `linearised` and
+`accuracy`.
 
 Range and bearing have an error along the line of sight and one across it. In space azimuth and elevation have the noise
 s each, in a body frame that faces along the last displacement of the tail. With b the third axis of that frame, r the

@@ -17,10 +17,11 @@ Gusts and waves pass through the same loop by their spectra, on ideal kinematics
 The loop from one sample to the next, with errors e = q - q* and its other states, is X+ = M X + N w, with w the mean
 velocity of the medium over a period. Its response at a frequency is E = (z I - M)^-1 N, z = e^(i omega h), and the
 variance of e is the integral of |E|^2 over the spectrum of w. Gusts are held over a period, so their spectrum is that
-of their discrete filter. The mean of a wave over a period is sin(omega h / 2) / (omega h / 2) times its amplitude.
-Waves and frozen gusts are the same for all vehicles up to a phase, that of q* at the start; separate gusts are
-independent. Vehicles in the plane meet the waves' velocity at the surface, submerged ones that at their depth. A target
-that the medium moves moves q* with it. If the law is continuous, the loop is (i omega + k1 H)^-1 for waves.
+of their discrete filter. The mean of a wave over a period is sin(omega h / 2) / (omega h / 2) times its value in the
+middle of the period. Waves and frozen gusts are the same for all vehicles up to a phase, that of q* at the start;
+separate gusts are independent. Vehicles in the plane meet the waves' velocity at the surface, submerged ones that at
+their depth. A target that the medium moves moves q* with it. If the law is continuous, the loop is
+(i omega + k1 H)^-1 for waves.
 
 A target of time constant tau follows the medium by 1 / (1 + i omega tau), and its pull reduces that. With
 r = e^(-h / tau) and l = tau (1 - r), a command that is held over h moves it by
@@ -531,7 +532,7 @@ def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
 
 
 def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
-    """Return the loop of the agents' vehicles; those without heading hold are turned along the waves."""
+    """Return the loop of the agents' vehicles; without heading hold, they are turned along the waves, the shorter way."""
     if system.grid.continuous and of_kind(system.moving, GustArrays) + of_kind(system.moving, FrozenArrays):
         raise UndecidedError("the law is continuous, and gusts are held")
     heading = system.bodies.heading.copy()

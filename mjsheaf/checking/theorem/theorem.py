@@ -81,7 +81,7 @@ class Rho:
         return math.inf if math.isnan(value) else value
 
     def reach(self, level: float) -> float | None:
-        """Return the largest radius s, m, with rho(s) <= level, rounded down by about 1e-15; None if there is none."""
+        """Return the largest radius s, m, with rho(s) <= level, rounded down by about 1e-15 of it; None if there is none."""
         if not self(0.0) <= level:
             return None
         if self(math.inf) <= level:
@@ -103,7 +103,8 @@ def _bisect_down(
 ) -> float:
     """Return the largest number from `low` to `high` at which a condition holds; it must hold at `low`.
 
-    If the condition is not monotone, the result is a number at which it holds, but perhaps not the largest.
+    If the condition is not monotone, the result is a number at which it holds, but perhaps not the largest. If `high`
+    is infinite, `low` is returned.
     """
     for _ in range(bisections):
         middle = 0.5 * (low + high)
@@ -202,7 +203,7 @@ class Theorem:
 
     @property
     def lipschitz(self) -> float:
-        """Lipschitz constant over D, rho(chi), 1/s."""
+        """Bound of the drift's slope over all of D, rho(chi), 1/s; its Lipschitz constant if rho is constant."""
         return self.rho(self.chi)
 
     def contains(self, initial_error: float) -> bool:
@@ -245,7 +246,10 @@ def theorem_1(
     mu = (f_bar + omega_bar) ** 2 / (2.0 * gain * lambda_min) if k_min > 0.0 else math.inf
 
     def allowed(rate: float, start: float) -> float:
-        """Return the limit of rates with k_min - rate > rho(s), s the largest radius that matters at `rate`."""
+        """Return a rate up to which k_min - rate > rho(s), s the largest radius that matters at `rate`.
+
+        It satisfies the inequality itself.
+        """
         ultimate = math.sqrt(mu / rate) * _OUTWARD
         # Slopes over 2 r: the gain condition. Over |e_0| + r: chi reaches that far, which puts e_0 into S.
         return (k_min - rho(max(2.0 * ultimate, start * _OUTWARD + ultimate))) * _BELOW_SUPREMUM
@@ -292,7 +296,9 @@ def _largest_fixed_point(
 def least_gain(
     radius: float, lambda_min: float, f_bar: float, omega_bar: float, rho: float | Rho, initial_error: float = 0.0
 ) -> float:
-    """Return a lower bound of the k1, 1/s, with ultimate radius `radius`, m; for a constant rho, the smallest such k1.
+    """Return a lower bound, 1/s, of all k1 with an ultimate radius of at most `radius`, m.
+
+    For a constant rho, it is the smallest such k1.
 
     With kappa = k1 lambda_min, d = f_bar + omega_bar and an ultimate radius r, the rate is d^2 / (2 kappa r^2), and the
     conditions read kappa / 2 - d^2 / (2 kappa r^2) > rho(max(2 r, |e_0| + r)) >= rho(|e_0|). It is infinite if no gain
