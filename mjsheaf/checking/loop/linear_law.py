@@ -136,7 +136,7 @@ class LinearLaw:
             A.reshape(n * L, n * L),
             np.einsum("lnm,kl->nlmk", self.B, vectors).reshape(n * L, m * N),
             np.einsum("kl,ln->knl", vectors, self.C).reshape(N, n * L),
-            np.hstack(vectors * self.D.T[:, None] @ vectors.T),
+            (vectors * self.D.T[:, None] @ vectors.T).swapaxes(0, 1).reshape(N, m * N),
         )
 
 

@@ -532,7 +532,7 @@ def _ideal_loop(system: System, spectrum: Spectrum) -> _Loop:
 
 
 def _body_loop(system: System, spectrum: Spectrum, medium: Array) -> _Loop:
-    """Return the loop of the agents' vehicles; without heading hold, they are turned along the waves, the shorter way."""
+    """Return the loop of the agents' vehicles; without heading hold, they turn along the waves, the shorter way."""
     if system.grid.continuous and of_kind(system.moving, GustArrays) + of_kind(system.moving, FrozenArrays):
         raise UndecidedError("the law is continuous, and gusts are held")
     heading = system.bodies.heading.copy()

@@ -81,7 +81,7 @@ class Rho:
         return math.inf if math.isnan(value) else value
 
     def reach(self, level: float) -> float | None:
-        """Return the largest radius s, m, with rho(s) <= level, rounded down by about 1e-15 of it; None if there is none."""
+        """Return the largest radius s, m, with rho(s) <= level, less about 1e-15 of it; None if there is none."""
         if not self(0.0) <= level:
             return None
         if self(math.inf) <= level:
