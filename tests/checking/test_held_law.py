@@ -155,7 +155,7 @@ class TwoStretches:
 
     def feedback(self, gain: float, values: Array) -> LinearLaw:
         A, B, C, D = np.diag([0.2, 0.9]), np.ones((2, 1)), np.array([0.9, -0.8]), np.array([-1.2])
-        return LinearLaw(*(np.array([part] * len(values)) for part in (A, B, gain * C, gain * D)), np.zeros(2))
+        return LinearLaw(*(np.array([part] * len(values)) for part in (A, B, gain * C, gain * D)), integral=np.zeros(2))
 
 
 @pytest.mark.parametrize(
