@@ -154,8 +154,10 @@ class TwoStretches:
     plain = False
 
     def feedback(self, gain: float, values: Array) -> LinearLaw:
-        A, B, C, D = np.diag([0.2, 0.9]), np.ones((2, 1)), np.array([0.9, -0.8]), np.array([-1.2])
-        return LinearLaw(*(np.array([part] * len(values)) for part in (A, B, gain * C, gain * D)), integral=np.zeros(2))
+        A, B = np.diag([0.2, 0.9]), np.ones((2, 1))
+        C, D = gain * np.array([0.9, -0.8]), gain * np.array([-1.2])
+        A, B, C, D = (np.array([part] * len(values)) for part in (A, B, C, D))
+        return LinearLaw(A, B, C, D, np.zeros(2))
 
 
 @pytest.mark.parametrize(
