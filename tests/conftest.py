@@ -111,12 +111,20 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> "list[Figure]":
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def running_browser() -> Iterator[Any]:
     """A real browser without a network; see `tests/page/browser.py`."""
     from tests.page.browser import open_browser
 
     with open_browser() as opened:
         yield opened
+
+
+@pytest.fixture
+def browser(running_browser: Any) -> Iterator[Any]:
+    """The same, whose pages are closed after the test: each goes on drawing, without a GPU."""
+    yield running_browser
+    for context in running_browser.contexts:
+        context.close()
 
 
 @pytest.fixture(scope="session")
