@@ -460,7 +460,7 @@ class TeamLoop(NamedTuple):
         else:
             return None
         # A mode that H pushes away grows at any gain, in proportion to it, until its growth counts as none.
-        if not up and growth(high) <= 2.0 * self.neutral:
+        if not up and self.neutral < growth(high) <= 2.0 * self.neutral:
             return None
         while high > (1.0 + accuracy) * low:
             middle = float(np.sqrt(low * high))
