@@ -280,9 +280,9 @@ class TeamVectorEnv(VectorEnv[Array, Array, NDArray[Any]]):
             self._worlds = Worlds([cast(Fused, one.episode.world) for one in self.envs])
             columns = self._worlds.columns
             self._gathering = Gathering(episode, columns)
-            self._commands = columns.state.memory.supplied[agent, axis].astype(np.int64)
-            if episode.action == "thrust":
-                self._commands = columns.state.ctrl[: self._shape[1]].astype(np.int64)
+            thrusts = columns.state.ctrl[: self._shape[1]]
+            commands = thrusts if episode.action == "thrust" else columns.state.memory.supplied[agent, axis]
+            self._commands = commands.astype(np.int64)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

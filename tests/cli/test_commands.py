@@ -153,9 +153,9 @@ def test_unstable_run_is_published_and_exits_3(
     out = tmp_path / "out"
     done = mjsheaf("run", "paper", "--backend", backend, "--set", f"controller.gain={gain}", *SMALL, "--out", out)
     assert done.returncode == 3
-    words = ["unstable", "controller.gain below 31.9"]
+    words = ["unstable", "mjsheaf check names the margin"]
     assert done.stderr.count("\n") == 1, done.stderr
-    for word in [*words, " at t = ", "k1 h lambda_max = 3.76" if gain == "60" else "k1 h lambda_max", str(out)]:
+    for word in [*words, " at t = ", str(out)]:
         assert word in done.stderr
     summary = json.loads((out / "summary.json").read_text(), parse_constant=pytest.fail)
     assert summary["status"] == "unstable"
