@@ -107,7 +107,7 @@ def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
     summary = outcome.summary
     final = summary["final"]
     if summary["status"] != "finished":
-        headline = f"{summary['status']}: {summary['message']}"
+        headline = summary["message"]  # which begins with the status
     elif final["tracking_error"] is None:
         headline = "finished"
     else:

@@ -161,8 +161,10 @@ def test_unstable_run_is_published_and_exits_3(
     assert summary["status"] == "unstable"
     assert {p.name for p in out.iterdir()} == (set(FILES) if CAN_DRAW else RUN_FILES)
     with xr.open_dataset(out / "result.nc", engine="h5netcdf") as ds:
-        assert 1 < len(ds["time"]) < 4999
+        # A gain of 1e9 asks for more than any speed at once.
+        assert len(ds["time"]) == 1 if (backend, gain) == ("ideal", "1e9") else 1 < len(ds["time"]) < 4999
         assert ds.attrs["status"] == "unstable"
+    assert "unstable: unstable" not in done.stdout
     if CAN_DRAW and (backend, gain) == ("ideal", "60"):
         film_again(out)
 

@@ -459,8 +459,9 @@ class TeamLoop(NamedTuple):
                 break
         else:
             return None
-        # A mode that H pushes away grows at any gain, in proportion to it, until its growth counts as none.
-        if not up and self.neutral < growth(high) <= 2.0 * self.neutral:
+        # A mode that H pushes away grows at any gain, in proportion to it or to its square, until its growth counts as
+        # none: halving the gain ends there.
+        if not up and self.neutral < growth(high) <= 4.0 * self.neutral:
             return None
         while high > (1.0 + accuracy) * low:
             middle = float(np.sqrt(low * high))
