@@ -402,12 +402,15 @@ def _circling(system: System, last: xr.Dataset) -> Iterator[TrialProblem]:
         return
     q_star = np.nan_to_num(last["harmonic_extension"].values)
     offsets = q_star - np.nan_to_num(last["agent_position"].values)
+    time = last["time"].values
     each = [(q_star[:, [i]], offsets[:, [i]]) for i in range(offsets.shape[1])]
     swing = np.array([swing_at_end(own) for _, own in each])
-    failed = np.array([undecayed_swing(own, _FAR_BY) is not None and is_undriven(system, q, own) for q, own in each])
+    failed = np.array(
+        [undecayed_swing(own, _FAR_BY) is not None and is_undriven(system, time, q, own) for q, own in each]
+    )
     words = "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and nothing "
     words += "drives it"
-    yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(last["time"][-1]), words)
+    yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(time[-1]), words)
 
 
 def _far_off(

@@ -9,8 +9,8 @@ agents of |q*_i - q_i|, over the last quarters of a run:
                  commanded to move does not, to the end (see below)
 
 Targets that move, disturbances, gusts, waves and noise drive a team. Then the errors alone do not distinguish forced
-oscillations from those of an unstable loop: `checking.loop.body_loop.ending_of_run` also analyses the loop of its
-vehicles.
+oscillations from those of an unstable loop, unless these are larger than the disturbances and the noise explain:
+`checking.loop.body_loop.ending_of_run` also analyses the loop of its vehicles.
 
 An agent is stuck while, for MIN_DURATION or longer, in every second,
 
@@ -53,6 +53,9 @@ _STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to 
 # eigenvalue of H, for maps and weights of size 1. That is less than s, unless the gain is near its limit. So noise does
 # not explain an oscillation larger than this factor times s, over all axes of an agent.
 _MAX_OF_NOISE = 3.0
+# A disturbance of d m/s moves a free agent by d / omega m at a frequency of omega rad/s. It does not explain an
+# oscillation larger than this factor times that.
+_MAX_OF_DISTURBANCE = 3.0
 _SLOWING = 0.9  # least ratio of the growth in one quarter to that in the last; a rise that slows more is a transient
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
 
@@ -71,22 +74,32 @@ def ending_of_motion(
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
     offsets = q_star - positions
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
-    ending = judge(error, offsets if is_undriven(system, q_star, offsets) else None)
+    ending = judge(error, offsets if is_undriven(system, last["time"].values, q_star, offsets) else None)
     if ending == "settled" and stuck is None:
         stuck = find_stuck_at_end(phases_of(run), dataset)
     return "not settled" if ending == "settled" and stuck else ending
 
 
-def is_undriven(system: System, q_star: Array, offsets: Array) -> bool:
-    """Return True if nothing drives the motion of agents about q*, both shape (T, N, 3), m, over the last quarter."""
+def is_undriven(system: System, time: Array, q_star: Array, offsets: Array) -> bool:
+    """Return True if nothing explains the motion of agents about q* over the last quarter.
+
+    Args:
+        system: System of the phase.
+        time: Sample times, shape (T,), s.
+        q_star: Places of the agents, shape (T, N, 3), m.
+        offsets: Their offsets from these, shape (T, N, 3), m.
+    """
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
-    driven = system.harmonics[..., :3].any() or system.moving or system.law.terms.noise > 0.0
-    if driven or angles or links["bearing_noise"].any():  # by something of unknown size
+    if system.moving or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any():  # of unknown effect
         return False
     noise = float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
-    swing = swing_at_end(offsets)
-    return swing_at_end(q_star) <= _STILL_SHARE * swing and swing > _MAX_OF_NOISE * noise
+    quarter = _quarters(offsets)[-1]
+    frequency = np.pi * max(_reversals(quarter), 1) / float(time[-1] - time[-len(quarter)])
+    disturbance = float(system.largest_disturbance[: len(system.team.agents)].max(initial=0.0))
+    swing = _swing(quarter)
+    explained = max(_MAX_OF_NOISE * noise, _MAX_OF_DISTURBANCE * disturbance / frequency)
+    return swing_at_end(q_star) <= _STILL_SHARE * swing and swing > explained
 
 
 def judge(error: Array, offsets: Array | None = None) -> Ending | None:

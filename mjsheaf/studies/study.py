@@ -423,7 +423,8 @@ def _parameter(values: list[Any]) -> pd.api.extensions.ExtensionArray:
 
 def csv_of(table: pd.DataFrame) -> bytes:
     """Return the table as CSV in UTF-8, with a header and numbers with all their digits."""
-    words = {name: table[name].map({True: "true", False: "false"}) for name in table.select_dtypes("bool[pyarrow]")}
+    flags = [name for name in table if table[name].dtype == pd.ArrowDtype(pa.bool_())]
+    words = {name: table[name].map({True: "true", False: "false"}) for name in flags}
     return table.assign(**words).to_csv(index=False, lineterminator="\n").encode()
 
 

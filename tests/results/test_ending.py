@@ -128,14 +128,15 @@ def test_what_noise_and_disturbances_move_has_settled(driven: dict[str, Any]) ->
 
 
 @pytest.mark.parametrize(
-    ("links", "expected"),
+    ("links", "bound", "expected"),
     [
-        ({"delay": 0.5, "noise": 0.01}, "not settled"),
-        ({"delay": 0.5, "noise": 0.01, "loss": 0.2}, "not settled"),
-        ({"noise": 0.1}, "settled"),
+        ({"delay": 0.5, "noise": 0.01}, 0.0, "not settled"),
+        ({"delay": 0.5, "noise": 0.01, "loss": 0.2}, 0.1, "not settled"),
+        ({"noise": 0.1}, 0.0, "settled"),
+        ({"noise": 0.01}, 0.5, "settled"),
     ],
 )
-def test_noise_hides_no_limit_cycle(links: dict[str, float], expected: str) -> None:
+def test_noise_and_disturbances_hide_no_limit_cycle(links: dict[str, float], bound: float, expected: str) -> None:
     """Too high a gain for the delay, and commands at the velocity limit."""
     scenario = scenario_from_mapping(
         {
@@ -146,6 +147,7 @@ def test_noise_hides_no_limit_cycle(links: dict[str, float], expected: str) -> N
             "sensing": [["A1", "T"], ["A2", "T"]],
             "controller": {"control_period": 0.05, "gain": 4.0, "velocity_limit": 1.0},
             "links": {"all": links},
+            "disturbance": {"agents": {"bound": bound}},
             "time": {"end": 40.0},
         }
     )
