@@ -81,7 +81,7 @@ def ending_of_motion(
 
 
 def is_undriven(system: System, time: Array, q_star: Array, offsets: Array) -> bool:
-    """Return True if nothing explains the motion of agents about q* over the last quarter.
+    """Return True if nothing explains the motion of agents about q* over the last quarter; False below 8 samples.
 
     Args:
         system: System of the phase.
@@ -91,14 +91,15 @@ def is_undriven(system: System, time: Array, q_star: Array, offsets: Array) -> b
     """
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
-    if system.moving or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any():  # of unknown effect
+    unknown = system.moving or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any()
+    if unknown or len(time) < _MIN_SAMPLES:
         return False
     noise = float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
     quarter = _quarters(offsets)[-1]
-    frequency = np.pi * max(_reversals(quarter), 1) / float(time[-1] - time[-len(quarter)])
+    half_period = float(time[-1] - time[-len(quarter)]) / max(_reversals(quarter), 1)
     disturbance = float(system.largest_disturbance[: len(system.team.agents)].max(initial=0.0))
     swing = _swing(quarter)
-    explained = max(_MAX_OF_NOISE * noise, _MAX_OF_DISTURBANCE * disturbance / frequency)
+    explained = max(_MAX_OF_NOISE * noise, _MAX_OF_DISTURBANCE * disturbance * half_period / np.pi)
     return swing_at_end(q_star) <= _STILL_SHARE * swing and swing > explained
 
 

@@ -405,8 +405,11 @@ class NonlinearSheaf:
         arrays = self._arrays
         desired = arrays.desired if desired is None else desired
         z = (arrays.D @ x.T).T + arrays.lift
+        off = z + desired
+        if not arrays.code.any():  # every edge compares positions
+            return np.sqrt(arrays.edge_totals(off * off))
         length = arrays.lengths(z)
-        off = np.where(arrays.code == 0, z + desired, z - length * desired)
+        off = np.where(arrays.code == 0, off, z - length * desired)
         each = np.where(arrays.code == 1, np.abs(length - desired), arrays.lengths(off))
         return np.asarray(each[..., arrays.first[:-1]])
 
@@ -486,12 +489,13 @@ class _Arrays:
     directed: bool
     conservative: bool
 
+    def edge_totals(self, values: Array) -> Array:
+        """Return the sum over the rows of each edge, shape (..., E)."""
+        return np.asarray(np.add.reduceat(values, self.first[:-1], axis=-1))
+
     def totals(self, values: Array) -> Array:
         """Return the sum over the rows of each edge in each of them, shape (..., m)."""
-        if not values.size:
-            return values
-        sums = np.add.reduceat(values, self.first[:-1], axis=-1)
-        return np.repeat(sums, np.diff(self.first), axis=-1)
+        return np.repeat(self.edge_totals(values), np.diff(self.first), axis=-1)
 
     def lengths(self, z: Array) -> Array:
         """Return abs(z) of the edge of each row, shape (..., m)."""
