@@ -210,10 +210,8 @@ def _sum_of_parts(
     whole = round(budget.all_m, decimals)
     parts = {"targets as bodies": budget.targets_m, "agents as bodies": budget.agents_m}
     parts |= {display_name(item.effect): item.alone_m for item in budget.effects}
-    named = {"on ideal kinematics": round(budget.ideal_m, decimals)}
-    for name, added in parts.items():
-        if added is not None and abs(added) >= least * whole:
-            named[name] = round(added, decimals)
+    large = {name: added for name, added in parts.items() if added is not None and abs(added) >= least * whole}
+    named = {name: round(x, decimals) for name, x in {"on ideal kinematics": budget.ideal_m, **large}.items()}
     rest = round(whole - sum(named.values()), decimals)
     if rest:
         named["in combination"] = rest

@@ -338,9 +338,7 @@ VARIABLES: list[Variable] = [
 
 def _groups(samples: Samples) -> list[str]:
     """Return the group of each agent and the first group about each target, empty without one."""
-    groups: dict[str, str] = {}
-    for formation in samples.team.formations:
-        groups |= dict.fromkeys(formation.members, formation.name)
+    groups = {member: formation.name for formation in samples.team.formations for member in formation.members}
     for formation in samples.team.formations:
         groups.setdefault(formation.about or "", formation.name)
     return [groups.get(member.id, "") for member in samples.team.members]

@@ -271,11 +271,11 @@ def summarize(team: Team, dataset: xr.Dataset) -> dict[str, Any]:
     The field `norm` records that none of them is a norm over the whole team: `tracking_error` is the RMS over agents.
     """
     everyone, groups = series_of(team, dataset, -1)
-    own: dict[str, dict[str, Any]] = {}
-    for group, series in groups.items():
-        own[group] = {**{name: finite(x[0]) for name, x in series.items()}, "norm": PER_AGENT_RMS}
-    final = {name: finite(x[0]) for name, x in everyone.items()}
-    return {"time": float(dataset["time"][-1]), **final, "norm": PER_AGENT_RMS, "groups": own}
+    final, *own = (
+        {**{name: finite(x[0]) for name, x in series.items()}, "norm": PER_AGENT_RMS}
+        for series in (everyone, *groups.values())
+    )
+    return {"time": float(dataset["time"][-1]), **final, "groups": dict(zip(groups, own, strict=True))}
 
 
 def summarize_phases(team: Team, dataset: xr.Dataset) -> list[dict[str, Any]]:

@@ -214,10 +214,7 @@ class Region:
 
 def edges_of(phases: Sequence[Phase]) -> dict[tuple[str, str], Edge]:
     """Return all edges of a run by kind and name, in the order in which its phases have them."""
-    found: dict[tuple[str, str], Edge] = {}
-    for phase in phases:
-        found |= dict(labelled_edges(phase.system))
-    return found
+    return {name: edge for phase in phases for name, edge in labelled_edges(phase.system)}
 
 
 def residuals_in(chunk: xr.Dataset, phases: Sequence[Phase], positions: Array) -> Array:

@@ -41,7 +41,7 @@ def solved(seed: int) -> tuple[System, Truth, np.ndarray]:
     return system, truth, truth.target_velocities - evaluate(system.harmonics[len(raw["agents"]) :], truth.time)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
 def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
     system, truth, drift = solved(seed)

@@ -244,7 +244,7 @@ def test_feedforward_of_ranges_and_bearings_is_the_velocity_of_q_star(measures: 
     assert without.tracking_error.values.max() > 0.2
 
 
-@pytest.mark.slow(each=True)
+@pytest.mark.slow
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(measures: str) -> None:
     """With exact rounds and targets at rest every error falls by 1 - k1 h a period, near q* to first order."""
