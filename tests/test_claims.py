@@ -90,7 +90,7 @@ def test_distances_are_those_that_the_test_of_convergence_holds() -> None:
         assert agrees(distance, 31.8 * float(tau)) or float(distance) == pytest.approx(31.8 * float(tau), rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_text_of_the_paper_and_the_published_run(simulated: Simulated) -> None:
     """Both tables of that page; each difference is made alone in the published run."""
     published, text = (yaml.safe_load((REPOSITORY / f"scenarios/{name}.yaml").read_text()) for name in PAPERS)
@@ -117,7 +117,7 @@ def test_the_text_of_the_paper_and_the_published_run(simulated: Simulated) -> No
         assert agrees(row[5], late_error(run)), row
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("row", rows("The law beyond the paper"), ids=lambda row: row[0])
 def test_terms(row: list[str]) -> None:
     name, without, with_terms, _, sent = row

@@ -7,7 +7,7 @@ from mjsheaf import load_scenario, simulate
 from tests.builders import Simulated
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_simulation_that_was_kept_is_the_simulation(simulated: Simulated) -> None:
     for backend in ("ideal", "physics"):
         overrides = {"time.end": 0.2}

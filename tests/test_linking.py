@@ -53,7 +53,7 @@ def test_a_function_is_linked_into_its_callers_and_still_callable_from_python(tm
     assert run(tmp_path, FUNCTIONS, calls) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_another_caller_takes_the_linked_code_from_disk(tmp_path: Path) -> None:
     assert run(tmp_path, FUNCTIONS + OTHER, "assert hypotenuse(3.0, 4.0) == 5.0") == ["hypotenuse", "square"]
     assert run(tmp_path, FUNCTIONS + OTHER, "assert cube(2.0) == 8.0") == ["cube"]

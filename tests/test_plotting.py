@@ -191,7 +191,7 @@ def test_plots_of_other_teams_are_legible(name: str, drawn: list[Figure]) -> Non
     assert all(map(is_legible, drawn))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_plots_of_awkward_teams_are_legible(drawn: list[Figure]) -> None:
     """Very long names, more groups than colours, all in one place, and many events at nearly one time."""
     groups = 30
@@ -213,7 +213,7 @@ def test_plots_of_awkward_teams_are_legible(drawn: list[Figure]) -> None:
     assert all(map(is_legible, drawn))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_plot_without_title_has_all_else(drawn: list[Figure]) -> None:
     for title in (True, False):
         plots_of("midpoint", {"time.end": 0.1}, FigureOptions(("pdf",), title))

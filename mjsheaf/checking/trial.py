@@ -27,7 +27,7 @@ from mjsheaf.results.ending import (
     ROUNDING,
     Stuck,
     find_stuck_at_end,
-    is_undriven,
+    is_unexplained,
     swing_at_end,
     undecayed_swing,
 )
@@ -397,17 +397,19 @@ def _without_headway(
 
 
 def _circling(system: System, last: xr.Dataset) -> Iterator[TrialProblem]:
-    """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing drives them."""
+    """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing explains it."""
     q_star = np.nan_to_num(last["harmonic_extension"].values)
     offsets = q_star - np.nan_to_num(last["agent_position"].values)
     time = last["time"].values
     each = [(q_star[:, [i]], offsets[:, [i]]) for i in range(offsets.shape[1])]
     swing = np.array([swing_at_end(own) for _, own in each])
     failed = np.array(
-        [is_undriven(system, time, q, own) and undecayed_swing(own, _FAR_BY) is not None for q, own in each]
+        [undecayed_swing(own, _FAR_BY) is not None and is_unexplained(system, time, q, own) for q, own in each]
     )
-    words = "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and nothing "
-    words += "drives it"
+    words = (
+        "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and neither noise "
+        "nor disturbances explain it"
+    )
     yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(time[-1]), words)
 
 

@@ -3,13 +3,13 @@
 `run`, `sweep`, `compare` and the trial of `check` judge the ending by the tracking error E(t) of the team, the RMS over
 agents of |q*_i - q_i|, over the last quarters of a run:
 
-    diverging    E, or the oscillation of a team that nothing drives, grows, and does not grow more slowly
+    diverging    E, or an oscillation of the team that nothing explains, grows, and does not grow more slowly
     settled      E keeps its level; any remaining oscillation is driven by something, or decays
-    not settled  anything else: E still changes, a team that nothing drives oscillates undecayed, or an agent that is
-                 commanded to move does not, to the end (see below)
+    not settled  anything else: E still changes, an oscillation that nothing explains does not decay, or an agent that
+                 is commanded to move does not, to the end (see below)
 
-Targets that move, disturbances, gusts, waves and noise drive a team. Then the errors alone do not distinguish forced
-oscillations from those of an unstable loop, unless these are larger than the disturbances and the noise explain:
+Targets that move, disturbances, gusts, waves and noise drive a team. The errors then show an unstable loop only where
+the team oscillates by more than bounded disturbances and the noise of its links explain. So
 `checking.loop.body_loop.ending_of_run` also analyses the loop of its vehicles.
 
 An agent is stuck while, for MIN_DURATION or longer, in every second,
@@ -54,7 +54,7 @@ _STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to 
 # not explain an oscillation larger than this factor times s, over all axes of an agent.
 _MAX_OF_NOISE = 3.0
 # A disturbance of d m/s moves a free agent by d / omega m at a frequency of omega rad/s. It does not explain an
-# oscillation larger than this factor times that.
+# oscillation larger than this factor times that: the resonance of a loop at 0.7 of its largest stable gain.
 _MAX_OF_DISTURBANCE = 3.0
 _SLOWING = 0.9  # least ratio of the growth in one quarter to that in the last; a rise that slows more is a transient
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
@@ -74,20 +74,22 @@ def ending_of_motion(
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
     offsets = q_star - positions
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
-    ending = judge(error, offsets if is_undriven(system, last["time"].values, q_star, offsets) else None)
+    ending = judge(error, offsets if is_unexplained(system, last["time"].values, q_star, offsets) else None)
     if ending == "settled" and stuck is None:
         stuck = find_stuck_at_end(phases_of(run), dataset)
     return "not settled" if ending == "settled" and stuck else ending
 
 
-def is_undriven(system: System, time: Array, q_star: Array, offsets: Array) -> bool:
-    """Return True if nothing explains the motion of agents about q* over the last quarter; False below 8 samples.
+def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -> bool:
+    """Return True if neither noise nor disturbances explain the motion of agents about q* over the last quarter.
+
+    False also if something acts on them whose effect is not known, or for fewer than 8 samples.
 
     Args:
         system: System of the phase.
         time: Sample times, shape (T,), s.
-        q_star: Places of the agents, shape (T, N, 3), m.
-        offsets: Their offsets from these, shape (T, N, 3), m.
+        q_star: q* of the agents, shape (T, N, 3), m.
+        offsets: Offset of every agent from its q*, shape (T, N, 3), m.
     """
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
@@ -108,7 +110,7 @@ def judge(error: Array, offsets: Array | None = None) -> Ending | None:
 
     Args:
         error: Error of the team, shape (T,), m.
-        offsets: Offset of every agent from its q*, shape (T, N, 3), m, if nothing drives the team; else None.
+        offsets: Offset of every agent from its q*, shape (T, N, 3), m, if nothing explains their motion; else None.
     """
     if not _is_judgeable(error):
         return None

@@ -490,11 +490,13 @@ class _Arrays:
     conservative: bool
 
     def edge_totals(self, values: Array) -> Array:
-        """Return the sum over the rows of each edge, shape (..., E)."""
+        """Return the sum over the rows of each edge, shape (..., E), of values of every row, shape (..., m)."""
         return np.asarray(np.add.reduceat(values, self.first[:-1], axis=-1))
 
     def totals(self, values: Array) -> Array:
         """Return the sum over the rows of each edge in each of them, shape (..., m)."""
+        if not values.size:
+            return values
         return np.repeat(self.edge_totals(values), np.diff(self.first), axis=-1)
 
     def lengths(self, z: Array) -> Array:

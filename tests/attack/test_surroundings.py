@@ -55,7 +55,7 @@ SURROUNDINGS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", SURROUNDINGS)
 def test_strange_surroundings_change_no_bit(name: str, usual: bytes, tmp_path: Path) -> None:
     done = run(*SHORT, "--out", "où", cwd=tmp_path, env={**BARE, **SURROUNDINGS[name]})

@@ -120,7 +120,7 @@ def test_a_swarm_has_the_size_and_the_fields_that_are_asked_for() -> None:
     assert system.team.dirichlet.unique
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_table_gathers_topics_in_order() -> None:
     seen: list[tuple[str, int, int]] = []
     found = run_bench(["ideal"], progress=lambda *report: seen.append(report))

@@ -151,7 +151,7 @@ TERMS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("vehicles", "terms"),
     [

@@ -170,7 +170,7 @@ def test_the_plot_is_legible(name: str) -> None:
     assert is_legible(draw_check(examine(mjsheaf.load_scenario(name).phases)))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_plot_s_formats_are_its_suffix_and_those_given(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "a.svg"
     assert call("check", "midpoint", "--no-trial", "--plot", path, "--format", "pdf,svg", "--no-title") == 0

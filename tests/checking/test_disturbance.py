@@ -323,7 +323,7 @@ def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
     assert "follows the targets" in ahead["reason"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_loop_that_is_not_finite_has_no_prediction(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*args: Any) -> None:
         raise np.linalg.LinAlgError("not finite")

@@ -37,7 +37,7 @@ def test_what_fails_is_named_with_agents_and_a_fix() -> None:
     assert "Fix: give A1 an altimeter" in text
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["unseen_target", "split_team"])
 def test_the_edges_that_are_suggested_make_assumption_5_hold(name: str) -> None:
     scenario = mjsheaf.load_scenario(name)

@@ -133,7 +133,7 @@ def test_everything_else_is_about_the_team_while_the_filter_does_not_act() -> No
     assert without["safety"] is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_a_velocity_limit_the_margin_is_that_of_the_vehicles_top_speed() -> None:
     """An Otter makes 3.09 m/s, and its limit counts if it has one; a hull without limits has no margin."""
     raw = escort(range=15) | {"time": {"end": 1}}
@@ -247,7 +247,7 @@ def test_no_rate_suffices_beyond_one_over_the_control_period() -> None:
     assert found.rate is None
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bodies_keep_more_and_what_is_unsafe_is_not_listed_again() -> None:
     raw = in_flow((3.0, 0.0))
     raw["agents"][0] |= {"vehicle": "otter", "velocity_limit": 3.0}

@@ -319,7 +319,7 @@ def test_output_stays_out_of_the_directories_of_runs(tmp_path: Path) -> None:
     assert call(*run, "--out", first) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("without_plots")
 def test_video_that_cannot_be_written(tmp_path: Path) -> None:
     run = tmp_path / "run"

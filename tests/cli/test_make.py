@@ -48,12 +48,12 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     subprocess.run([str(REPOSITORY / ".ci" / "run")], env=environment, capture_output=True, check=True)
     assert called.exists() != installed
     goals = made.read_text().splitlines()
-    goals.remove("docs REPLAYS=paper air_tracks_surface lost_thruster")  # beside all that follows
+    goals.remove("docs REPLAYS=paper air_tracks_surface lost_thruster")  # next to the tests
     assert goals == [
         "web/node_modules",
         ".venv/.installed",
-        "-j 2 --output-sync .venv/.developed compiled-fused",
-        "compiled-ideal lint compiled-mujoco check-bundle",
+        "-j 2 --output-sync .venv/.developed compiled-ideal",
+        "-j 2 --output-sync lint compiled-fused compiled-mujoco check-bundle",
         "test-ci",
     ]
 

@@ -70,7 +70,7 @@ def test_phases_are_those_of_plain_runs(record: CompareRecord) -> None:
                     assert approx(getattr(found, name), rel=1e-9) == values[name]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_late_error_of_a_phase_is_that_of_its_last_half(record: CompareRecord) -> None:
     dataset = simulate(three_boats(), "ideal")
     time = dataset["time"].values

@@ -101,7 +101,7 @@ def test_every_error_states_its_norm(compared: RunsRecord) -> None:
     assert {record["norm"] for record in [*held, *compared.model_dump()["runs"]]} == {"per_agent_rms"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_longer_run_on_another_grid_is_compared_where_all_are(compared: RunsRecord) -> None:
     longer = compared.runs[2]
     assert (compared.start_s, compared.end_s) == (0.0, 3.0)
@@ -191,7 +191,7 @@ def test_runs_of_one_name_are_told_apart_and_no_number_is_cut(runs: Path, tmp_pa
     assert f"({record.runs[2].final_difference.tracking_error:+.2g})" in printed
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_is_not_replaced_by_its_comparison(runs: Path) -> None:
     with pytest.raises(PlaceError, match="directory of one of the runs"):
         publish_runs([runs / "ideal", runs / "bodies"], runs / "ideal")
@@ -206,7 +206,7 @@ def test_a_comparison_is_no_run(runs: Path, compared: RunsRecord) -> None:
         pass
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("without_page")
 def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
     publish_runs([runs / "lost", runs / "bodies"], tmp_path / "out")

@@ -262,7 +262,7 @@ def test_spaces_of_copies_draw_the_same() -> None:
     np.testing.assert_array_equal(drawn[0], drawn[2])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("make", [np.int8, np.uint8, np.int16, np.int32, np.uint32, np.int64, np.uint64, int])
 def test_every_whole_number_is_a_seed(make: Any) -> None:
     whole = env(random_scenario())

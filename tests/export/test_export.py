@@ -314,7 +314,7 @@ def test_events_are_messages_and_the_lost_agent_is_not_drawn(finished: Path) -> 
     assert [attachment.data for attachment in attachments] == [(finished / "scenario.yaml").read_bytes()]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_failed_export_leaves_what_was_there(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = {path.name: path.read_bytes() for path in finished.iterdir() if path.is_file()}
 

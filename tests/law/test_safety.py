@@ -183,7 +183,7 @@ def test_commands_of_a_run_are_those_of_a_quadratic_program(seed: int, dimension
         np.testing.assert_allclose(commands[k, v, :dimension], u, atol=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_too_far_to_matter_changes_no_bit() -> None:
     """Unlike speeds, lost agents, targets and media: with no vehicle skipped the commands and causes are the same."""
     scenario, V, N, skipped = load_scenario(swap(40)), 40, 36, 0

@@ -96,7 +96,7 @@ def test_a_random_session_is_repeated_by_its_recording(name: str, tmp_path: Path
     assert require_repeated(name, "ideal", "mujoco", 1, tmp_path) > 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", SCENARIOS)
 @pytest.mark.parametrize(("backend", "engine"), ENGINES)
 def test_random_sessions_of_all_laws_are_repeated(name: str, backend: str, engine: str, tmp_path: Path) -> None:

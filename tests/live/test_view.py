@@ -144,7 +144,7 @@ def test_where_the_targets_path_is_not_known_the_page_begins_with_their_start() 
         assert (points[:, :2] == place[:2]).all(axis=1).any()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_page_opened_later_begins_with_the_whole_run() -> None:
     scenario = load_scenario("paper", {"time.end": 0.5})
     with Watched(scenario, "ideal") as run, joined(run.url, max_size=None) as socket:

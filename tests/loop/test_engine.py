@@ -82,7 +82,7 @@ def test_numbers_have_points_while_mujoco_reads() -> None:
         locale.setlocale(locale.LC_NUMERIC, before)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_mesh_has_its_inertia_under_a_locale_with_decimal_commas(tmp_path: Path) -> None:
     made = subprocess.run(
         ["localedef", "-i", "de_DE", "-f", "UTF-8", str(tmp_path / "de_DE.UTF-8")], capture_output=True, check=False

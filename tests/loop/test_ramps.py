@@ -98,6 +98,7 @@ def test_at_once_is_the_run_of_the_new_scenario_from_there(over: float | None) -
         np.testing.assert_allclose(data[name].values, fresh[name].values, rtol=0, atol=1e-12, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_python")
 def test_with_exact_feedforward_the_error_decays_as_without_a_change() -> None:
     """On ideal kinematics, without flow: the offsets' rate is known and exact, from the first sample of a change on."""

@@ -24,7 +24,7 @@ def any_team_is_worth_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.loop.fused._WORTH_A_THREAD", 1)
 
 
-@pytest.mark.slow(each=True)
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["swarm_radio_shadow", "swarm"])
 def test_threads_do_not_change_a_bit(name: str) -> None:
     """Of a swarm over links that fail, and of one over exact links, with another wind in mid-run."""

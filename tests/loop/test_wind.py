@@ -292,7 +292,7 @@ def test_a_buoy_in_the_wind_drifts_as_far_as_check_says() -> None:
     assert check(given, trial=False)["drifts"]["T0"] == pytest.approx(under_way, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("speed", [0.3, 4.0])
 @pytest.mark.parametrize("boat", ["wamv_azimuth", "otter_rudder"])
 def test_check_has_no_fault_to_find_in_a_wind_that_a_boat_can_hold(boat: str, speed: float) -> None:

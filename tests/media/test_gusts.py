@@ -163,7 +163,7 @@ def test_vehicles_meet_independent_gusts_that_no_other_vehicle_changes() -> None
     assert np.array_equal(mjsheaf.medium(scenario).velocity(one, times[5:50], [0.0, 0.0, 10.0]), of[one][5:50])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("standard", ["MIL-F-8785C", "MIL-HDBK-1797"])
 def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: str) -> None:
     model = Gusts.model_validate({**FIXED, "standard": standard, "altitude": 3.048})

@@ -78,7 +78,7 @@ def test_a_page_without_filter_has_nothing_of_it() -> None:
     assert not {"cause", "correction", "kept_from", "obstacle"} & set(said_in(page)["arrays"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(bool(missing()), reason=f"no browser: {missing()}")
 def test_the_browser_draws_and_names_what_restrains_an_agent(browser: Any, swap: Made, tmp_path: Path) -> None:
     """The panel of an agent names the obstacle that an agent is kept from, and hiding the lines changes the picture."""

@@ -26,7 +26,7 @@ def examined(name: str, backend: str, **changes: Any) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", ["harbour_feedforward", "otters_feedforward", "quads_feedforward", "steady_current"])
 def test_healthy_terms_are_not_blamed(name: str, backend: str, simulated: Simulated) -> None:

@@ -101,7 +101,7 @@ def test_the_run_is_there_before_its_video(short: Scenario, tmp_path: Path, monk
     assert {p.name for p in place.iterdir()} == RUN_FILES | {"video.mp4"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "error", [KeyboardInterrupt(), SystemExit(), MemoryError(), PlaceError("No space left")], ids=repr
 )

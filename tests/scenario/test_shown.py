@@ -28,7 +28,7 @@ def test_groups_do_on_bodies_nearly_what_they_do_ideally(group: str, formation: 
     assert bodies["formation_error"] <= ideal["formation_error"] + formation
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_targets_move_fast_and_apart(simulated: Simulated) -> None:
     dataset = simulated("harbour", "physics")
     position = dataset["target_position"].values.copy()

@@ -198,7 +198,7 @@ def test_a_second_command_is_refused(study: Path) -> None:
 # -- a file system that gives out ------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
     """A limit on the size of files stands for the full disk: the table of 40 runs does not fit."""
     with files_of_at_most(3000), pytest.raises(PlaceError, match="cannot be written: File too large"):
