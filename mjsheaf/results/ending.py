@@ -54,7 +54,8 @@ _STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to 
 # not explain an oscillation larger than this factor times s, over all axes of an agent.
 _MAX_OF_NOISE = 3.0
 # A disturbance of d m/s moves a free agent by d / omega m at a frequency of omega rad/s. It does not explain an
-# oscillation larger than this factor times that: the resonance of a loop at 0.7 of its largest stable gain.
+# oscillation larger than this factor times that. One sine at the resonance of a mode over links that delay moves it by
+# 2.7 d / omega RMS at 0.7 of the largest stable gain, and by 4.1 d / omega at 0.8.
 _MAX_OF_DISTURBANCE = 3.0
 _SLOWING = 0.9  # least ratio of the growth in one quarter to that in the last; a rise that slows more is a transient
 _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time

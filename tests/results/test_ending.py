@@ -137,7 +137,7 @@ def test_what_noise_and_disturbances_move_has_settled(driven: dict[str, Any]) ->
     ],
 )
 def test_noise_and_disturbances_hide_no_limit_cycle(links: dict[str, float], bound: float, expected: str) -> None:
-    """Too high a gain for the delay, and commands at the velocity limit."""
+    """Too high a gain for the delay, and commands at the velocity limit; without the delay they explain the motion."""
     scenario = scenario_from_mapping(
         {
             "name": "two_boats",
