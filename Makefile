@@ -9,13 +9,10 @@ LOOPS := compiled-mujoco compiled-fused compiled-ideal
 DEMO := runs/paper-physics
 DEVELOPED := .[dev,docs]
 
-# uv where it is installed and finds the packages, otherwise pip; both take the tested versions. Python compiles modules
-# when it first loads them, so that installing need not. Where PYTHONDONTWRITEBYTECODE forbids that, as in many
-# containers, every command would compile them anew, for 3 s.
-install = { { command -v uv >/dev/null && uv pip install --quiet --python $(BIN)/python \
-	--constraint constraints.txt --editable '$(1)'; } \
-	|| $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt \
-	--editable '$(1)'; } $(if $(PYTHONDONTWRITEBYTECODE),&& { $(BIN)/python -m compileall -q -j 0 $(VENV)/lib mjsheaf >/dev/null || true; })
+# Python compiles modules when it first loads them, so that installing need not. Where PYTHONDONTWRITEBYTECODE forbids
+# that, as in many containers, every command would compile them anew, for 3 s.
+install = $(BIN)/python tools/install.py '$(1)' $(if $(PYTHONDONTWRITEBYTECODE),&& { \
+	$(BIN)/python -m compileall -q -j 0 $(VENV)/lib mjsheaf >/dev/null || true; })
 
 .PHONY: demo bench test test-ci test-all lint compiled $(LOOPS) docs clean bundle check-bundle
 
@@ -78,7 +75,7 @@ test-all: lint compiled
 	MJSHEAF_SEED=$(SEED) $(PYTEST) --hypothesis-profile all --hypothesis-seed $(SEED)
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
-# REPLAYS names the scenarios whose pages have a replay, where not all.
+# REPLAYS names the scenarios whose pages have a replay, and EXAMPLES is a pattern of the examples that run, where not all.
 docs: $(TESTS)
 	$(BIN)/python -m sphinx -W --keep-going -b html docs build/docs
 	@echo "site    build/docs/index.html"

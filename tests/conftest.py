@@ -30,28 +30,26 @@ ALSO_SHOWN = ("noisy_harbour", "paper_delay", "paper_half_lost", "swarm_radio_sh
 """Scenarios that ship and are others over links, or large: what is tried of each one is tried of them with the long."""
 
 
-def test_of(item: pytest.Item) -> str:
-    """Name of the test that an item is an example of."""
-    return item.nodeid.partition("[")[0]
-
-
 @pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark examples of a slow test but one, and those of these scenarios, as long; what is long is slow, too.
+    """Mark slow tests but the first of each file, and all of these scenarios, as long; what is long is slow, too.
 
-    With `slow(each=True)`, as where each example is of another scenario, none is long.
+    Slow examples of a test that has quick ones are long. With `slow(each=True)`, as where each example is of another
+    scenario, none is.
     """
     for item in items:
         if not {*re.split(r"[\[\]-]", item.name)}.isdisjoint(ALSO_SHOWN):
             item.add_marker(pytest.mark.long)
     short = [item for item in items if not item.get_closest_marker("long")]
-    begun = {test_of(item) for item in short if not item.get_closest_marker("slow")}
+    quick = {item.nodeid.partition("[")[0] for item in short if not item.get_closest_marker("slow")}
+    begun: set[Path] = set()
     for item in short:
         mark = item.get_closest_marker("slow")
         if mark and not mark.kwargs.get("each"):
-            if test_of(item) in begun:
+            if item.path in begun or item.nodeid.partition("[")[0] in quick:
                 item.add_marker(pytest.mark.long)
-            begun.add(test_of(item))
+            else:
+                begun.add(item.path)
     for item in items:
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)
