@@ -22,6 +22,11 @@ def freeze(values: Iterable[Any]) -> None:
             value.flags.writeable = False
 
 
+def firsts_of(counts: IntArray) -> IntArray:
+    """Return the number of the first of each group, if groups of these sizes follow one another."""
+    return np.cumsum(counts) - counts
+
+
 class Room:
     """One array whose parts are handed out one after another.
 

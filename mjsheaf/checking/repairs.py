@@ -471,7 +471,7 @@ def _list_candidates(team: Team, positions: Array) -> tuple[list[Brace], Array]:
     """
     kinds = sorted({edge.measures for edge in team.communication}) or ["position"]
     map_name: Literal["shared", "space"] = "space" if any(e.lift is not None for e in team.communication) else "shared"
-    first = team.first_state.tolist()
+    first: list[int] = team.first_state.tolist()
     x = team.unpack(positions)
     pairs = itertools.combinations(np.flatnonzero(team.present).tolist(), 2)
     nearest_first = sorted(pairs, key=lambda pair: round(float(np.linalg.norm(x[pair[0]] - x[pair[1]])), 6))

@@ -49,7 +49,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray
+from mjsheaf.arrays import Array, IntArray, firsts_of
 from mjsheaf.compile.jit import apart_jit, as_records, inline_jit, jit
 from mjsheaf.loop.engine import quaternions_of
 from mjsheaf.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
@@ -164,7 +164,7 @@ class Fleet(NamedTuple):
         """CHANNELs of all vehicles in turn, shape (A,)."""
         kinds = self.kinds[self.bodies["kind"]]
         count = kinds["count"]
-        before = np.cumsum(count) - count  # channels of the vehicles before each one
+        before = firsts_of(count)  # channels of the vehicles before each one
         return self.thrusters[np.arange(count.sum()) - np.repeat(before - kinds["thruster"], count)]
 
 
@@ -199,7 +199,7 @@ def pack_fleet(
     types, number = kinds_of(vehicles)
     kinds = np.zeros(len(types), KIND)
     kinds["count"] = [len(vehicle.channels) for vehicle in types]
-    kinds["thruster"] = np.cumsum(kinds["count"]) - kinds["count"]
+    kinds["thruster"] = firsts_of(kinds["count"])
     thrusters, states = np.zeros(kinds["count"].sum(), CHANNEL), np.zeros(len(types), dtype=np.int64)
     for k, (kind, vehicle) in enumerate(zip(kinds, types, strict=True)):
         _pack(vehicle, kind)
@@ -213,14 +213,14 @@ def pack_fleet(
         channels["planar"] = np.divide(W, norms, out=np.zeros_like(W), where=norms > 0.0).T
         for actuator, own in zip(vehicle.actuators, vehicle.by_actuator(channels), strict=True):
             actuator.pack(own, timestep, vehicle.mass * GRAVITY)
-        channels["state"] = np.cumsum(channels["late"]) - channels["late"]
+        channels["state"] = firsts_of(channels["late"])
         kind["turning"] = (channels["code"] != FIXED).any()
         kind["in_flow"] = channels["flow"].any()
         states[k] = channels["late"].sum()
     bodies, v = np.zeros(len(vehicles), BODY), np.arange(len(vehicles))
     bodies["kind"], bodies["qpos"], bodies["dof"] = number, 7 * v, 6 * v
     for name, each in (("actuator", kinds["count"][number]), ("state", states[number])):
-        bodies[name] = np.cumsum(each) - each
+        bodies[name] = firsts_of(each)
     bodies["heading"] = quaternions_of(heading)[:, [0, 3]]
     blocks = split_into_blocks(number)
     sizes = np.diff(blocks)

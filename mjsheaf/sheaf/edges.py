@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray, firsts_of
 from mjsheaf.errors import SheafError
 
 
@@ -104,7 +104,7 @@ class EdgeSet:
         size = np.zeros(sum(len(b.number) for b in self.bundles), dtype=np.int64)
         for b in self.bundles:
             size[b.number] = b.F_tail.shape[1]
-        first = np.cumsum(size) - size
+        first = firsts_of(size)
         return [first[b.number][:, None] + np.arange(b.F_tail.shape[1]) for b in self.bundles]
 
     @cached_property

@@ -28,7 +28,7 @@ from scipy.sparse import csgraph
 from scipy.sparse import linalg as splinalg
 from scipy.sparse.linalg import spsolve_triangular
 
-from mjsheaf.arrays import Array, BoolArray, IntArray
+from mjsheaf.arrays import Array, BoolArray, IntArray, firsts_of
 from mjsheaf.errors import SheafError
 from mjsheaf.sheaf.edges import EdgeSet, assembled, parts, ranges
 
@@ -363,7 +363,7 @@ def propagate(edges: EdgeSet, free: BoolArray, forest: Forest, slot: IntArray, w
     n = int(edges.column[-1])
     dimension = np.diff(edges.column)
     at = np.empty(len(dimension), dtype=np.int64)  # first place of each vertex, after that of its parent
-    at[forest.order] = np.cumsum(dimension[forest.order]) - dimension[forest.order]
+    at[forest.order] = firsts_of(dimension[forest.order])
     blocks: list[tuple[Any, Any, Any]] = [(np.arange(n), np.arange(n), np.ones(n))]
     for w, M in forest.carries:
         chosen = slot[w] >= 0

@@ -48,7 +48,9 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     subprocess.run([str(REPOSITORY / ".ci" / "run")], env=environment, capture_output=True, check=True)
     assert called.exists() != installed
     goals = made.read_text().splitlines()
-    goals.remove("docs REPLAYS=paper air_tracks_surface lost_thruster EXAMPLES=/(0[135678]|1[0-37])_")  # next to the tests
+    site = next(goal for goal in goals if goal.startswith("docs"))  # next to the tests
+    goals.remove(site)
+    assert site == "docs REPLAYS=paper air_tracks_surface lost_thruster EXAMPLES=/(0[135678]|1[0-37])_"
     assert goals == [
         "web/node_modules",
         ".venv/.developed",
