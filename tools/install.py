@@ -52,7 +52,7 @@ def main(package: str) -> int:
         command = [uv, "pip", "install", "--quiet", "--python", sys.executable, *TESTED, "--editable", package]
         if subprocess.run(command, env=environment, check=False).returncode == 0:
             return 0
-        print("uv does not find everything: pip installs", file=sys.stderr)
+        print("uv could not install everything: pip does", file=sys.stderr)
     command = [*PIP, "install", "--quiet", "--no-compile", *TESTED, "--editable", package]
     return subprocess.run(command, check=False).returncode
 

@@ -1,11 +1,13 @@
-"""`make demo` and `.ci/run`, with stand-ins for the commands that they call.
+"""`make demo`, `.ci/run` and what installs, with stand-ins for the commands that they call.
 
 Oracle: what the stand-ins left, and whether they were called.
 """
 
 import os
+import runpy
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -82,3 +84,38 @@ def test_each_goal_prepares_and_runs_its_tests(goal: str, prepares: bool, chosen
     loops = [["python", "-m", "tests.compiled", loop] for loop in ("mujoco", "fused", "ideal")]
     assert sorted(before) == sorted([*loops, *linters] if prepares else [])
     assert tests == ["pytest", "-n", "2", "--dist", "worksteal", *chosen]
+
+
+def test_uv_looks_where_pip_does() -> None:
+    settings_for_uv = runpy.run_path(str(REPOSITORY / "tools" / "install.py"))["settings_for_uv"]
+    listed = """\
+:env:.find-links='/wheels /more'
+global.extra-index-url='https://one/simple https://two/simple'
+global.find-links='/not/these'
+global.index-url='https://everybody/simple'
+global.timeout='60'
+install.index-url='https://mirror/simple'
+download.index-url='https://elsewhere/simple'
+"""
+    assert settings_for_uv(listed, {"UV_INDEX": "https://mine/simple", "HOME": "/home"}) == {
+        "UV_INDEX_STRATEGY": "unsafe-best-match",
+        "UV_DEFAULT_INDEX": "https://mirror/simple",
+        "UV_INDEX": "https://mine/simple",
+        "UV_FIND_LINKS": "/wheels,/more",
+    }
+    assert settings_for_uv("", {}) == {"UV_INDEX_STRATEGY": "unsafe-best-match"}
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_pip_installs_what_uv_does_not_find(found: bool, tmp_path: Path) -> None:
+    called = tmp_path / "called"
+    stand_in(tmp_path / "bin", "uv", f"echo uv >> {called}; exit {0 if found else 1}")
+    pip = f'#!/bin/sh\ncase "$*" in *config*) ;; *) echo pip >> {called};; esac\n'
+    (tmp_path / "bin" / "python").write_text(pip)
+    (tmp_path / "bin" / "python").chmod(0o755)
+    call = "import runpy, sys; sys.executable = sys.argv.pop(); runpy.run_path(sys.argv[0], run_name='__main__')"
+    program = [sys.executable, "-c", f"import sys; sys.argv = sys.argv[1:]; {call}"]
+    arguments = [REPOSITORY / "tools" / "install.py", ".", tmp_path / "bin" / "python"]
+    done = subprocess.run([*program, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert called.read_text().split() == (["uv"] if found else ["uv", "pip"])
