@@ -138,6 +138,7 @@ def test_two_quadrotors() -> None:
     assert agrees(hold, record["law"]["largest_gain"])
 
 
+@pytest.mark.slow
 def test_one_otter() -> None:
     fields: dict[str, Any] = {
         "time": {"end": 30},

@@ -110,7 +110,7 @@ def visit(url: str) -> None:
 
 @pytest.mark.parametrize(("page", "line"), commands())
 def test_command_ends_as_it_should(
-    page: Path, line: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: Path, line: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     monkeypatch.chdir(tmp_path)
     save_files(page, tmp_path)
@@ -131,6 +131,8 @@ def test_command_ends_as_it_should(
         assert call("run", "paper", *SHORTENED["run"], "--out", words[1]) == 0
     if words[0] == "view":
         monkeypatch.setattr("webbrowser.open", visit)
+    elif words[0] == "run" and words[-1] != "--live":
+        request.getfixturevalue("without_plots")
     shortened = [] if "--expect" in words else SHORTENED.get(words[0], [])
     answer = answer_of(*words, *(shortened or SMALL if words[0] == "run" else shortened))
     assert answer.code == (1 if words[:2] == ["check", "air_tracks_surface"] else 0), answer.err
@@ -289,6 +291,7 @@ def test_every_field_has_a_meaning_and_every_number_a_unit(name: str, node: dict
     assert node.get("description") or any("$ref" in below for below in sections)
 
 
+@pytest.mark.slow
 def test_every_field_has_an_example_out_of_a_file() -> None:
     """But for fields that are sections themselves, whose fields have."""
     examples = reference.known_examples()
@@ -342,6 +345,7 @@ def test_formulas_become_mathml_whose_bars_do_not_grow() -> None:
         assert all(node.get("stretchy") == "false" for node in bars), formula
 
 
+@pytest.mark.slow
 def test_the_font_of_formulas_has_what_roots_need(tmp_path: Path) -> None:
     pytest.importorskip("ziamath")
     import mathml

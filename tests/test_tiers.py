@@ -67,7 +67,7 @@ def test_python_and_compiled_code_agree_to_the_bit(name: str, monkeypatch: pytes
         return expected
 
     monkeypatch.setattr(tiers.Tiered, "__call__", call_both)
-    mjsheaf.check(mjsheaf.load_scenario(name), trial=False)
+    mjsheaf.check(mjsheaf.load_scenario(name, {"time.end": 3.0}), trial=False)
     assert {"_answer", "_follow", "apply_forces"} <= set(calls)
 
 

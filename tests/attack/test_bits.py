@@ -53,7 +53,7 @@ def usual(once: Callable[[str, Callable[[], Found]], Found]) -> Found:
     return once("bits", make)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "environment",
     [

@@ -138,6 +138,7 @@ def test_a_hold_that_rings_is_not_certified() -> None:
     assert bound_ahead(system) is None
 
 
+@pytest.mark.slow
 def test_the_bound_ahead_of_a_run_is_that_of_the_run() -> None:
     """On bodies an error below a hundredth of the first is only inertia."""
     raw = _pushed(1.0, 0.0, 0.5)
@@ -146,6 +147,7 @@ def test_the_bound_ahead_of_a_run_is_that_of_the_run() -> None:
     np.testing.assert_allclose(ahead, run.at(data["time"].values) + 0.005, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_links_that_tell_nothing_do_not_connect() -> None:
     blind = {"between": ["A", "B"], "map": {"tail": [[0.0, 0.0]], "head": [[1.0, 0.0]]}}
     agents, sensing = {"A": [0.0, 0.0], "B": [1.0, 0.0], "C": [2.0, 0.0]}, [[id, "T"] for id in "ABC"]
@@ -154,6 +156,7 @@ def test_links_that_tell_nothing_do_not_connect() -> None:
     assert "fall into 3 parts: {A}; {B}; {C}" in record["assumptions"][4]["witness"]
 
 
+@pytest.mark.slow
 def test_in_a_current_without_slopes_the_weaker_bound_is_the_bound() -> None:
     """1 m/s of drift, and up to 0.25 m/s of a tide along it."""
     raw = _pushed(1.0, 0.0, 0.0)

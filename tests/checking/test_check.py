@@ -82,6 +82,7 @@ def test_command_and_function_say_the_same(name: str, capsys: Capture) -> None:
     assert "\nmargins  " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_an_unstable_law_does_not_hold(capsys: Capture) -> None:
     change = ("--set", "controller.gain=150", "--set", "controller.newton.rounds=3")
     assert call("check", "paper", "--no-trial", "--json", *change) == 1
@@ -93,6 +94,7 @@ def test_an_unstable_law_does_not_hold(capsys: Capture) -> None:
     assert "controller.gain" in captured.err
 
 
+@pytest.mark.slow
 def test_an_integral_that_holds_at_no_gain_is_said_to(capsys: Capture) -> None:
     change = ("--set", "controller.integral.gain=1e9", "--set", "time.end=1")
     assert call("check", "paper", "--no-trial", "--json", *change) == 1
@@ -101,6 +103,7 @@ def test_an_integral_that_holds_at_no_gain_is_said_to(capsys: Capture) -> None:
     assert "unstable at any controller.gain" in captured.err
 
 
+@pytest.mark.slow
 def test_failing_example_is_explained_and_mended(capsys: Capture) -> None:
     record = analyse("air_tracks_surface")
     found = record["relative_cohomology"]
@@ -156,6 +159,7 @@ def test_margins_speak_of_this_team() -> None:
     assert fastest["asked"] == pytest.approx(float(10 * result["disagreement"][0].max()), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_plot_is_drawn(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "check.png"
     assert call("check", "air_tracks_surface", "--no-trial", "--plot", path) == 1

@@ -180,6 +180,7 @@ def test_a_kernel_alone_has_its_known_peaks(n: int, planar: bool, c: float) -> N
             assert peak <= found.upper <= 1.001 * peak
 
 
+@pytest.mark.slow
 def test_the_paper() -> None:
     """The planar agents' field has slopes up to 54 1/s near the cores: 53.6, at the strongest source."""
     field = paper_field("agent_field")

@@ -154,6 +154,7 @@ def test_what_breaks_is_named(team: Team, breaking: str) -> None:
     assert {loss.name for loss in single_losses(team)[0] if loss.breaks} == set(breaking.split(", "))
 
 
+@pytest.mark.slow
 @example(SPLIT)
 @given(shared_teams(most_agents=6))
 def test_the_large_path_finds_what_trying_shows(team: Team) -> None:

@@ -304,6 +304,7 @@ def test_proposals_allow_for_odometry_that_the_law_does_not_use_yet() -> None:
     assert all("feedforward" not in proposal.controller for proposal in propose(noisy, certify(noisy), 3.0))
 
 
+@pytest.mark.slow
 def test_proposals_say_what_vehicles_do_not_stand() -> None:
     """Feedforward and drift see no error: without Newton direction the loop on bodies is the paper's."""
     system = mjsheaf.load_scenario("quads", {"time.end": 4.0}).system
@@ -327,6 +328,7 @@ def test_an_unbounded_field_is_confined_or_undecided() -> None:
         attained({"gain": 1.0}, flow={"agents": pole}, target={**far, "position": [0.5, 0.0]})
 
 
+@pytest.mark.slow
 def test_proposals_keep_what_they_promise() -> None:
     present = {"time.end": 10.0, "controller.integral": {"gain": 0.1}}
     scenario = mjsheaf.load_scenario("paper", present)

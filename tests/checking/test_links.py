@@ -583,7 +583,7 @@ def plain_team(**controller: Any) -> dict[str, Any]:
         ({"all": {"noise": 0.3, "delay": 0.04}}, {}),
         ({"sensing": {"sensor": {"kind": "range_bearing", "range_noise": 0.05, "bearing_noise": 0.5}}}, {}),
         ({"all": {"noise": 0.2, "loss": 0.4}}, {}),
-        ({"all": {"noise": 0.2, "delay": 0.04}}, {**TERMS["all"], "odometry": {"noise": 1e-3}}),
+        slow({"all": {"noise": 0.2, "delay": 0.04}}, {**TERMS["all"], "odometry": {"noise": 1e-3}}),
     ],
 )
 def test_what_check_says_of_noise_is_what_a_run_has(links: dict[str, Any], controller: dict[str, Any]) -> None:

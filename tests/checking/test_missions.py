@@ -152,16 +152,15 @@ def test_the_oracle_sees_a_boat_that_falls_behind(limit, failure):
 @pytest.mark.parametrize(
     ("seed", "ok"),
     [
-        (70, False),
         (7, True),
         *(
             pytest.param(seed, ok, marks=pytest.mark.slow)
-            for seed, ok in [(205, False), (27, False), (100, False), (187, False), (164, True), (6, True)]
+            for seed, ok in [(70, False), (205, False), (27, False), (100, False), (187, False), (164, True), (6, True)]
         ),
     ],
 )
 def test_missions_that_fail_are_told_from_those_that_work(seed, ok):
-    """A current too fast for the drone, no room for safety, a loop over links that swings, gusts; three work."""
+    """No room for safety, a current too fast for the drone, a loop over links that swings, gusts; three work."""
     judged = judge(seed)
     assert judged.ok is ok, judged
     assert (judged.failure is None) is ok, judged

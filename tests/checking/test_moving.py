@@ -28,6 +28,7 @@ def waving(**fields: Any) -> Scenario:
     return mixed_scenario(**{"flow": flow, "time": {"end": 4.0}, **fields})
 
 
+@pytest.mark.slow
 def test_waves_are_bounded_and_enter_omega_bar() -> None:
     record = examine_scenario(waving()).record
     third = record.assumptions[2]
@@ -150,6 +151,7 @@ def test_runs_in_what_moves_stay_within_the_bound_of_the_theorem(name: str) -> N
         assert (error <= certificate.bound(certificate.constants.initial_error, elapsed) * (1.0 + 1e-6)).all()
 
 
+@pytest.mark.slow
 def test_a_target_that_passes_through_the_surface_of_waves_has_no_known_path() -> None:
     dives = {"kind": "lissajous", "amplitude": [0.1, 0.1, 3.0], "rate": [1.0, 1.0, 1.0], "phase": [0.0, 0.0, 0.0]}
     targets = list_members(

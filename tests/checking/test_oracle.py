@@ -82,8 +82,9 @@ def test_delay(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
     compare_with_runs(delay, "ideal", GAIN, terms=terms, links=links)
 
 
-@pytest.mark.parametrize("terms", [*map(slow, COMBINATIONS[:-1]), COMBINATIONS[-1]])
-@pytest.mark.parametrize("links", [slow({}), ALIKE])
+@pytest.mark.slow
+@pytest.mark.parametrize("terms", COMBINATIONS)
+@pytest.mark.parametrize("links", [{}, ALIKE])
 def test_bodies(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
     """The vehicles' loop is that of runs on bodies, with any terms and delays."""
     loop = analyse(team(terms, links=links))["margins"]["bodies"]

@@ -116,6 +116,7 @@ def test_nothing_is_guaranteed_of_boats_that_wind_pushes(air: dict[str, Any]) ->
     assert found["reasons"] == ["on bodies, the air pushes the hull of B1, whose error the margins do not include"]
 
 
+@pytest.mark.slow
 def test_everything_else_is_about_the_team_while_the_filter_does_not_act() -> None:
     raw = escort()
     found = analyse(raw)
@@ -234,6 +235,7 @@ def test_agents_stop_at_the_standoff_and_reach_their_places_at_the_rate_that_suf
     assert final_distance(faster, other) == pytest.approx(3.0, abs=0.1)  # but for the law's own lag
 
 
+@pytest.mark.slow
 def test_upstream_nothing_is_out_of_reach() -> None:
     assert lasting(record_of(in_flow((-3.0, 0.0))).standoff) == []
     assert final_distance(in_flow((-3.0, 0.0)), "T") == pytest.approx(3.0, abs=0.1)

@@ -34,6 +34,7 @@ def weak(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_check_notes_a_lean_that_the_thrust_does_not_carry(weak: Path) -> None:
     path = weak / "mine.yaml"
     slips = analyse(path)["notes"]

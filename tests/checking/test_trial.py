@@ -160,6 +160,7 @@ def test_a_boat_runs_aground(tmp_path: Path) -> None:
     assert "ran aground" in problem["text"]
 
 
+@pytest.mark.slow
 def test_a_bound_for_bodies_that_is_missed_fails_and_one_that_is_met_does_not() -> None:
     for bound, expected in ((0.0, {"expectation"}), (1.0, set[str]())):
         scenario = near(expect={"physics": {"tracking_error": bound}})
@@ -276,6 +277,7 @@ def test_expectations_for_a_law_in_python_do_not_count_and_a_note_says_so() -> N
     assert any("expectations are for the law law.py:law" in note for note in record["notes"])
 
 
+@pytest.mark.slow
 def test_a_boat_without_a_linear_model_is_undecided_unless_it_is_tried() -> None:
     scenario = lone("otter_rudder", [5.0, 0.0], {})
     (problem,) = analyse(scenario)["problems"]

@@ -63,7 +63,7 @@ IN_TURN = [run for k, run in enumerate(EVERY) if (k % 2 == 0 if run[0] in LONG_O
     ("name", "backend"),
     [
         *(
-            pytest.param(*run, marks=[] if k % 5 == 0 else [pytest.mark.slow(each=True)])
+            pytest.param(*run, marks=[] if k % 12 == 0 else [pytest.mark.slow(each=True)])
             for k, run in enumerate(IN_TURN)
         ),
         *(pytest.param(*run, marks=pytest.mark.long) for run in EVERY if run not in IN_TURN),
@@ -185,6 +185,7 @@ def short(tmp_path: Path, request: pytest.FixtureRequest) -> Short:
     return run
 
 
+@pytest.mark.slow
 def test_expectation_missed_exits_1(short: Short) -> None:
     answer, summary = short()
     assert (answer.code, summary["expect"]["met"]) == (0, False)
@@ -230,6 +231,7 @@ def test_seed_that_changes_nothing_is_said(way: list[str], short: Short) -> None
     assert re.search(r"\bnote: .*\bseed\b", answer.err)
 
 
+@pytest.mark.slow
 def test_list_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("list") == 0
     listed = capsys.readouterr().out

@@ -44,6 +44,7 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], Comp
     return lines[first:], record, out
 
 
+@pytest.mark.slow
 def test_budgets_are_of_the_errors_of_bodies(record: CompareRecord) -> None:
     """That they sum up is tried in test_ladder.py."""
     for budget in record.budgets:
@@ -222,6 +223,7 @@ def test_plots_are_legible(name: str, drawn: list[Figure]) -> None:
         assert {"all: as given"} <= set(named)
 
 
+@pytest.mark.slow
 def test_formats_and_title_are_given_on_the_command_line(drawn: list[Figure], tmp_path: Path) -> None:
     """Files are named by their formats. Oracle: what is asked to be written."""
     assert call("compare", "midpoint", "--format", "gif", "--no-video", "--out", tmp_path / "a") == 2

@@ -80,6 +80,7 @@ def test_the_late_error_of_a_phase_is_that_of_its_last_half(record: CompareRecor
     assert approx(record.phases[1].errors["ideal"]["team"].late.tracking_error, rel=1e-9) == expected
 
 
+@pytest.mark.slow
 def test_each_phase_has_budgets_of_its_own_errors(record: CompareRecord) -> None:
     for phase in record.phases:
         assert len(phase.budgets) == len(record.budgets)
@@ -158,6 +159,7 @@ def test_the_report_has_a_row_for_each_phase_and_fits(record: CompareRecord) -> 
     assert "…" not in page
 
 
+@pytest.mark.slow
 def test_a_run_that_blows_up_in_a_later_phase_keeps_the_earlier_ones() -> None:
     fast = [{"time": 1.0, "set": {"controller.gain": 500.0}}]
     record = compare(three_boats(events=fast, vehicles=HULLS)).record

@@ -105,6 +105,7 @@ def test_every_dataset_names_its_law(laws: Path) -> None:
     assert terms.attrs["law"] == "paper's law with feedforward and drift"
 
 
+@pytest.mark.slow
 def test_plots_and_summary_name_the_law(laws: Path, drawn: list[Figure], tmp_path: Path) -> None:
     scenario = two_boats("hull", "hull", time={"end": 0.5})
     path = tmp_path / "pair.yaml"

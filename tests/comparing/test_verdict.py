@@ -103,6 +103,7 @@ def test_budgets_know_the_errors_at_q_star(torn: CompareRecord) -> None:
         assert approx(budget.at_q_star_m, abs=1e-9) == expected
 
 
+@pytest.mark.slow
 def test_a_link_without_offset_is_the_sheafs_fault_and_spares_who_has_none(torn: CompareRecord) -> None:
     tracking, formation = torn.verdict[:2]
     assert formation.startswith("formation error: ")

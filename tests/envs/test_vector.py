@@ -109,6 +109,7 @@ def test_shipped_scenarios(name: str) -> None:
     compare(scenario, 15, together=vector_env(scenario, 2)._worlds is not None)
 
 
+@pytest.mark.slow
 def test_zero_actions_are_a_batch_to_the_bit() -> None:
     scenario = mixed_scenario(**{"time": {"end": 0.2}} | CHANGES["links"] | CHANGES["disturbed"])
     worlds = vector_env(scenario, 4)

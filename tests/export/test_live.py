@@ -85,6 +85,7 @@ def test_a_client_receives_the_messages_of_the_mcap_file(port: int, tmp_path: Pa
     assert times == sorted(times)
 
 
+@pytest.mark.slow
 def test_it_is_shown_in_short_pieces_and_its_files_are_those_of_a_run_without(
     port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -314,6 +314,7 @@ def largest_speed_of(scenario: Scenario) -> float:
     return float(packed.pairing[1, 2] - packed.unsteady[1])
 
 
+@pytest.mark.slow
 def test_no_held_target_is_faster_than_the_bound() -> None:
     """Random paths, pulls, holds and offsets, in a medium within its bound that pushes away, back, or at random."""
     rng = np.random.default_rng(8)
@@ -472,6 +473,7 @@ def test_results_say_what_the_filter_did() -> None:
     assert safety_of(simulate(load_scenario("midpoint", {"time.end": 1}), backend="ideal")) is None
 
 
+@pytest.mark.slow
 def test_a_limited_command_that_satisfies_all_constraints_is_the_laws_to_the_bit() -> None:
     """Also where a constraint demands motion, so that the limit is part of the problem: its integral term sees that.
 

@@ -397,6 +397,7 @@ def test_part_of_a_result_is_not_saved(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_file_name_is_no_formula(tmp_path: Path) -> None:
     """A run that is finished is not lost to its title."""
     law = tmp_path / r"$\frac{a}{b$.py"

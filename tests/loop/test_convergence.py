@@ -60,6 +60,7 @@ def test_published_run_on_bodies_ends_where_it_was_measured_to(on_bodies: xr.Dat
     assert float(on_bodies.disagreement[-1].mean()) == pytest.approx(measured, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_boats_stay_on_the_water_and_hold_their_headings(on_bodies: xr.Dataset) -> None:
     """Whatever the law asks of them in the plane, they float level, with the heading they began with."""
     assert np.abs(on_bodies.agent_height).max() < 1e-3

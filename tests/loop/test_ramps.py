@@ -220,6 +220,7 @@ def test_runs_on_two_engines_at_a_time_do_not_share_offsets() -> None:
     np.testing.assert_array_equal(edges.b, before)
 
 
+@pytest.mark.slow
 def test_threads_do_not_share_desired_ranges() -> None:
     """One thread computes q* along a change while another one asks for q* as it begins."""
     raw = ring([change()]).model_dump(mode="json", exclude_none=True)

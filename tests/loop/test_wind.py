@@ -308,6 +308,7 @@ def test_a_boat_at_its_hand_point_lies_with_its_bows_in_the_wind(heading: float)
     assert command[0] < -0.01
 
 
+@pytest.mark.slow
 def test_standing_against_the_wind_is_not_being_stuck() -> None:
     answer = check(scenario("wamv", [12.0, 5.0], headings=[60.0]))
     assert answer["ok"], answer

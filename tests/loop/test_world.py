@@ -174,6 +174,7 @@ def test_a_run_that_is_bad_from_the_start_keeps_its_start(factor: float) -> None
 # -- what the data say -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_command_has_the_name_of_its_thruster(tmp_path: Path) -> None:
     result = simulate(mixed_scenario(time={"end": 0.02}), backend="physics")
     result.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")

@@ -331,6 +331,7 @@ def test_packed_values_are_those_of_xarray_to_the_bit(place: Path) -> None:
 # -- variables -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_u_and_v_are_of_one_family_that_fits_the_section(place: Path) -> None:
     file = current()
     for name, standard, value in (("a", "eastward_wind", 8.0), ("z", "northward_wind", 6.0)):
@@ -433,6 +434,7 @@ def test_files_without_values_are_refused(place: Path) -> None:
 # -- axes ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_longitudes_and_latitudes_by_their_units(place: Path) -> None:
     for name in ("lat", "lon"):
         plain = current().set(name, standard_name=None)
@@ -657,6 +659,7 @@ def test_axes_of_pressure_density_and_layers_are_refused(unit: str | None, place
     decide(file, place, UNCHANGED, "air", select={"level": 1000})
 
 
+@pytest.mark.slow
 def test_distances_by_unit_and_direction(place: Path) -> None:
     km = level(current(), standard_name="depth", units="km", positive="down", values=np.array([0.0, 0.01]))
     decide(km, place, (1.5 * U, 1.5 * V), depth=5.0)

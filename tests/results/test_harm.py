@@ -86,6 +86,7 @@ def test_the_jump_is_the_deviation_of_white_noise(deviation: float, simulated: S
     assert found["commanded_m_s"] == pytest.approx(np.sqrt(3.0 + deviation**2), rel=0.03)
 
 
+@pytest.mark.slow
 def test_the_paper_s_law_and_laws_in_python_have_no_terms(simulated: Simulated) -> None:
     assert examine_terms(load_scenario("midpoint").system, simulated("midpoint", "ideal")) is None
     scenario = load_scenario("steady_current", {"time.end": 1})

@@ -43,6 +43,7 @@ def test_lines_of_sight_through_corners_touch_the_obstacle(system: System, seed:
     assert outline(obstacles, 3, middles[3], frame[:2]) is None
 
 
+@pytest.mark.slow
 def test_figures_show_obstacles(system: System) -> None:
     """Seen from above: three bodies, the first place of the one that moves, and the wall behind y = 9 m."""
     scenario = load_scenario("swap", {"safety.obstacles": _WALLS, "time.end": 1})
@@ -55,6 +56,7 @@ def test_figures_show_obstacles(system: System) -> None:
     assert "obstacle" in keys
 
 
+@pytest.mark.slow
 def test_a_view_shows_whole_obstacles_unless_they_are_far() -> None:
     quays = [{"kind": "box", "centre": [0.0, y, 5.0], "sides": [30.0, 4.0, 2.0]} for y in (20.0, 900.0)]
     scenario = load_scenario("swap", {"safety.obstacles": quays, "time.end": 1})

@@ -51,6 +51,7 @@ def test_data_in_memory_leave_what_a_run_leaves(backend: str, law: dict[str, int
     assert run["realtime_factor"] > 0.0
 
 
+@pytest.mark.slow
 def test_timings_say_where_the_time_went(short: Scenario, tmp_path: Path) -> None:
     """Oracle: a clock around everything."""
     begun = time.perf_counter()

@@ -57,6 +57,7 @@ def test_figures_are_those_that_a_run_writes(result: xr.Dataset, directory: Path
     assert dict(mpl.rcParams) == settings
 
 
+@pytest.mark.slow
 def test_a_figure_is_the_callers(result: xr.Dataset, tmp_path: Path) -> None:
     figure = mjsheaf.plot(result)["errors"]
     figure.axes[0].set_title("mine")
@@ -86,6 +87,7 @@ def test_the_view_in_space_is_that_of_the_video(eye: tuple[float, float]) -> Non
         assert drawn @ seen >= 0.0
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_all_figures(result: xr.Dataset) -> None:
     shown = mjsheaf.plot(result, title=False)._repr_html_()
     pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', shown)
@@ -123,6 +125,7 @@ def test_what_is_no_run_is_refused(result: xr.Dataset, tmp_path: Path) -> None:
         mjsheaf.replay(result).save(tmp_path / "none" / "page.html")
 
 
+@pytest.mark.slow
 def test_a_run_without_a_checksum_is_not_said_to_have_changed(directory: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(directory, tmp_path / "run")
     summary = json.loads((copy / "summary.json").read_text())
@@ -132,6 +135,7 @@ def test_a_run_without_a_checksum_is_not_said_to_have_changed(directory: Path, t
         mjsheaf.plot(copy)
 
 
+@pytest.mark.slow
 def test_plots_are_drawn_again_one_by_one_and_a_refusal_leaves_nothing(directory: Path, tmp_path: Path) -> None:
     reported: list[tuple[str, int, int]] = []
     for place in (tmp_path / "typo", tmp_path / "a" / "plots"):

@@ -86,6 +86,7 @@ def test_edges_that_differ_are_no_duplicates(case: str) -> None:
     scenario(**{field: edges})
 
 
+@pytest.mark.slow
 def test_what_ships_has_no_duplicates() -> None:
     for name in list_scenarios():
         load_scenario(name)

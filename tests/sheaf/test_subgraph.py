@@ -119,6 +119,7 @@ def test_the_class_of_a_cycle_goes_round_it() -> None:
     np.testing.assert_allclose(basis * np.sign(basis[0]), expected[:, None], rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_h1_of_large_sheaves() -> None:
     """A cycle of 2,000 planes is over what is decomposed densely, with two classes; a large grid has too many."""
     rng = np.random.default_rng(0)

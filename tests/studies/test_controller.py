@@ -72,6 +72,7 @@ def test_every_run_is_that_of_a_fresh_law(law: Path, tmp_path: Path) -> None:
         assert record["law"] == "law.py:Growing"
 
 
+@pytest.mark.slow
 def test_results_name_the_law_but_not_its_place(law: Path, tmp_path: Path) -> None:
     run_study(plan_of(law), tmp_path / "s", IN_THREADS)
     rows = list(csv.DictReader((tmp_path / "s" / "table.csv").open()))
@@ -86,6 +87,7 @@ def test_results_name_the_law_but_not_its_place(law: Path, tmp_path: Path) -> No
     assert contents(tmp_path / "far" / "s") == contents(tmp_path / "s")
 
 
+@pytest.mark.slow
 def test_a_study_does_not_go_on_under_another_law(law: Path, tmp_path: Path) -> None:
     run_study(plan_of(law), tmp_path / "s", IN_THREADS)
     again = run_study(plan_of(law), tmp_path / "s", IN_THREADS)

@@ -40,6 +40,7 @@ def study(finished: Path, tmp_path: Path) -> Path:
     return shutil.copytree(finished, tmp_path / "study")
 
 
+@pytest.mark.slow
 def test_a_finished_study_is_shown_again_without_a_cluster(study: Path) -> None:
     before = contents(study)
     again = run_study(small_plan(), study, never)
@@ -227,6 +228,7 @@ def test_a_small_disk_fills_and_is_emptied(disk: SmallDisk) -> None:
     assert kept.items() <= contents(disk.path / "study").items()
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_read_only(disk: SmallDisk) -> None:
     disk.remount("size=8m")
     run_study(small_plan(), disk.path / "study", IN_THREADS)

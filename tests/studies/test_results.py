@@ -48,6 +48,7 @@ def rows(directory: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
     found = rows(mixed)
     columns = ["run", "controller.gain", "spread.position", "seed", "status", *MEASURES]
@@ -179,6 +180,7 @@ def test_every_kind_of_study_is_legible(fields: dict[str, Any], failing: bool, d
     assert all(map(is_legible, drawn))
 
 
+@pytest.mark.slow
 def test_a_page_has_its_pictures_whatever_the_files_are() -> None:
     plan = small_plan()
     records = [new_record(p, 0, "finished", final=dict.fromkeys(MEASURES, 1.0), settled=True) for p in plan.points]
@@ -247,6 +249,7 @@ def test_the_page_stands_alone(mixed: Path) -> None:
     assert not re.search(rb"https?://|<script", text)
 
 
+@pytest.mark.slow
 def test_the_report_names_the_first_that_did_not_finish(tmp_path: Path) -> None:
     asked = ["--backend", "ideal", "--set", "time.end=1", "--grid", "controller.gain=1,1e7,2e7", "--threads"]
     answer = answer_of("sweep", "midpoint", *asked, "--workers", "1", "--out", tmp_path / "out")
@@ -282,6 +285,7 @@ def test_the_command_of_the_page_does_the_run(tmp_path: Path, monkeypatch: pytes
         assert summary["final"][measure] == record["final"][measure]
 
 
+@pytest.mark.slow
 def test_the_page_shows_text_as_text(tmp_path: Path) -> None:
     nasty = "<script>alert(1)</script>"
     (tmp_path / "own.yaml").write_text(
