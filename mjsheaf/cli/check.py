@@ -4,10 +4,11 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from mjsheaf import lazy
 from mjsheaf.cli.options import (
     NotHeldError,
     ScenarioArgument,
@@ -20,11 +21,6 @@ from mjsheaf.cli.options import (
     require_file_name,
 )
 from mjsheaf.errors import InputError
-
-if TYPE_CHECKING:
-    from mjsheaf.checking.check import Examination
-    from mjsheaf.checking.theorem.theorem import Rho
-    from mjsheaf.show.style import FigureOptions
 
 
 def check(
@@ -77,82 +73,65 @@ def check(
     figures = _figures_of(plot, formats, title)
 
     with progress_bars("loading", lines=None):
-        from mjsheaf.checking import examine_scenario
-        from mjsheaf.checking.check import try_out, untried
-        from mjsheaf.checking.record import reasons_of
-        from mjsheaf.checking.report import screen
-        from mjsheaf.scenario import load_scenario
-
-        loaded = load_scenario(scenario, changes_of(overrides))
+        loaded = lazy.scenario.load_scenario(scenario, changes_of(overrides))
         _ = loaded.whole.vehicles  # what cannot be read is refused in one line, without progress before it
     with progress_bars("checking", lines=None if as_json else "stderr"):  # the answer alone is on stdout
-        examination = examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
+        examination = lazy.checking.examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
     record = examination.record
     if not trial:
-        record = untried(record)
+        record = lazy.examining.untried(record)
     else:
-        above = [] if as_json or full else [*screen(record, pending=True), ""]
+        above = [] if as_json or full else [*lazy.report.screen(record, pending=True), ""]
         with progress_bars("trying the mission", lines=None if as_json else "stderr", above=above) as bar:
-            record = try_out(record, loaded, partial(bar, "trying the mission"))
+            record = lazy.examining.try_out(record, loaded, partial(bar, "trying the mission"))
     if as_json:
         print(json.dumps(record.model_dump(mode="json"), indent=2, allow_nan=False))
     elif full:
-        from mjsheaf.checking.report import PAGE_WIDTH, report
-
-        make_console(PAGE_WIDTH).print(report(record))
+        make_console(lazy.report.PAGE_WIDTH).print(lazy.report.report(record))
     else:
-        print_lines(*screen(record, scenario))
+        print_lines(*lazy.report.screen(record, scenario))
     drawn = [] if plot is None else _draw(replace(examination, record=record), figures, plot)
     if not as_json:
         print_lines(*drawn)
     if not record.ok:
-        raise NotHeldError(f"{scenario}: {'; '.join(reasons_of(record))}")
+        raise NotHeldError(f"{scenario}: {'; '.join(lazy.record.reasons_of(record))}")
 
 
-def _figures_of(plot: Path | None, formats: str | None, title: bool) -> "FigureOptions":
+def _figures_of(plot: Path | None, formats: str | None, title: bool) -> "lazy.style.FigureOptions":
     """Return the formats of the plot, that of its name first, and its other options.
 
     Raises:
         InputError: The name or a format is not one of figures, or formats are given without a plot.
     """
-    from mjsheaf.files import FIGURE_FORMATS
-    from mjsheaf.show.style import AS_USUAL, FigureOptions
-
     if plot is None and formats is not None:
         raise InputError(f"--format {formats}: no plot to write; expected --plot FILE too")
     if plot is None:
-        return AS_USUAL
-    require_file_name("--plot", plot, *(f".{form}" for form in FIGURE_FORMATS))
+        return lazy.style.AS_USUAL
+    require_file_name("--plot", plot, *(f".{form}" for form in lazy.files.FIGURE_FORMATS))
     named = plot.suffix[1:]
     others = [form for form in (formats or named).split(",") if form != named]
-    return FigureOptions((named, *others), title)
+    return lazy.style.FigureOptions((named, *others), title)
 
 
-def _rho_of(text: str | None) -> "Rho | None":
+def _rho_of(text: str | None) -> "lazy.theorem.Rho | None":
     """Return the bound given by --rho.
 
     Raises:
         InputError: The text is not a polynomial with coefficients of at least 0.
     """
-    from mjsheaf.checking.theorem.theorem import as_rho
-
     if text is None:
         return None
     try:
-        return as_rho([float(c) for c in text.split(",")])
+        return lazy.theorem.as_rho([float(c) for c in text.split(",")])
     except (ValueError, InputError):
         raise InputError(f"--rho {text}: expected coefficients >= 0, separated by commas, such as 0.1,0.02") from None
 
 
-def _draw(examination: "Examination", figures: "FigureOptions", plot: Path) -> list[Path]:
+def _draw(examination: "lazy.checking.Examination", figures: "lazy.style.FigureOptions", plot: Path) -> list[Path]:
     """Draw an examination into files, and return them."""
-    from mjsheaf.cli.figures import draw_check
-    from mjsheaf.files import naming, whole_file
-    from mjsheaf.show.plots import write_figure
-
-    figure = draw_check(examination, figures)
+    figure = lazy.check_figure.draw_check(examination, figures)
     paths = list(figures.paths(plot))
     for path in paths:
-        with naming(f"--plot {path}"), whole_file(path) as part:
-            write_figure(figure, part, path.suffix[1:])
+        with lazy.files.naming(f"--plot {path}"), lazy.files.whole_file(path) as part:
+            lazy.plots.write_figure(figure, part, path.suffix[1:])
     return paths

@@ -1,7 +1,7 @@
 """Options and errors of several commands, and the terminal: streams, tables, progress, signals.
 
-Modules of this package import only typer at the top. Each command imports the rest when it runs, so that help appears
-at once.
+Modules of this package load only typer at once. The rest is loaded by `mjsheaf.lazy` when a command runs, so that help
+appears at once.
 
 Ctrl-C, SIGTERM and SIGHUP end a command in order: incomplete files are removed. A signal raises an exception where it
 arrives. Inside a callback of a library, or a hook of fork, Python prints the exception and continues. Therefore the
@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from mjsheaf import lazy
 from mjsheaf.errors import InputError, MjsheafError, printable
 from mjsheaf.live import PORT
 
@@ -31,9 +32,6 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.segment import Segment
     from rich.table import Table
-
-    from mjsheaf.scenario import Scenario
-    from mjsheaf.show.style import FigureOptions
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated", signal.SIGHUP: "hung up"}
 _received: int | None = None
@@ -185,12 +183,10 @@ def progress_bars(
         lines: Stream for lines; None writes none.
         above: Lines that a terminal shows above the bar, as long as it is there.
     """
-    from mjsheaf.progress import View, displaying, in_lines, on_terminal
-
-    view: View | None = partial(in_lines, getattr(sys, lines)) if lines else None
+    view: lazy.progress.View | None = partial(lazy.progress.in_lines, getattr(sys, lines)) if lines else None
     if sys.stderr.isatty():
-        view = partial(on_terminal, above)
-    with displaying(view, what) as show:
+        view = partial(lazy.progress.on_terminal, above)
+    with lazy.progress.displaying(view, what) as show:
 
         def report(what: str, done: int, total: int) -> None:
             raise_if_stopped()
@@ -275,15 +271,13 @@ FOXGLOVE = f"live in Foxglove: open a connection to ws://127.0.0.1:{PORT}"
 TitleOption = Annotated[bool, typer.Option("--title/--no-title", help="Give the plots a title.")]
 
 
-def figure_options(formats: str, title: bool) -> "FigureOptions":
+def figure_options(formats: str, title: bool) -> "lazy.style.FigureOptions":
     """Return the options of figures that --format and --no-title select.
 
     Raises:
         InputError: There is no such format.
     """
-    from mjsheaf.show.style import FigureOptions
-
-    return FigureOptions(tuple(formats.split(",")), title)
+    return lazy.style.FigureOptions(tuple(formats.split(",")), title)
 
 
 def formats_of(**chosen: bool) -> list[str]:
@@ -299,24 +293,21 @@ class NotHeldError(MjsheafError):
 
 def prepare(
     source: str, overrides: Iterable[str] | None, seed: int | None, out: Path | None, backend: str, kind: str
-) -> "tuple[Scenario, Path, str]":
+) -> "tuple[lazy.scenario.Scenario, Path, str]":
     """Return the scenario of `run` or `compare`, the directory for its results, and its origin.
 
     Raises:
         ScenarioError: The scenario or an override is not valid.
         PlaceError: The default directory contains results of another scenario with the same name.
     """
-    from mjsheaf.results.store import require_same_origin
-    from mjsheaf.scenario.load import load_scenario, origin
-
     changes = changes_of(overrides, seed)
-    scenario = load_scenario(source, changes)
+    scenario = lazy.scenario.load_scenario(source, changes)
     if "seed" in changes and not scenario.uses_seed(backend):
         note_idle_seed(scenario.name, backend)
     directory = Path("runs") / f"{scenario.name}-{kind}" if out is None else out
-    where = origin(source, directory)
+    where = lazy.load.origin(source, directory)
     if out is None:
-        require_same_origin(directory, where)
+        lazy.store.require_same_origin(directory, where)
     return scenario, directory, where
 
 
@@ -344,7 +335,5 @@ def changes_of(overrides: Iterable[str] | None, seed: int | None = None) -> dict
     Raises:
         ScenarioError: An override is not PATH=VALUE.
     """
-    from mjsheaf.scenario.load import parse_override
-
-    changes = dict(parse_override(text) for text in overrides or ())
+    changes = dict(lazy.load.parse_override(text) for text in overrides or ())
     return changes if seed is None else {**changes, "seed": seed}

@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
+from mjsheaf import lazy
 from mjsheaf.cli.options import (
     FOXGLOVE,
     Backend,
@@ -48,12 +49,6 @@ from mjsheaf.cli.options import (
 )
 from mjsheaf.errors import InputError, MjsheafError, PlaceError, UnstableError, in_field, printable, shortened
 
-if TYPE_CHECKING:
-    from mjsheaf.progress import Report
-    from mjsheaf.runs.publish import Outcome
-    from mjsheaf.scenario import Scenario
-    from mjsheaf.studies.study import Study
-
 _NORMS = {
     "mean_disagreement": "mean over agents",
     "tracking_error": "RMS over agents",
@@ -71,7 +66,9 @@ _MAX_NOTES = 4  # lines
 _MAX_ROWS = 5  # of the table
 
 
-def announcing(scenario: "Scenario", backend: str, progress: "Report", *more: str) -> "Report":
+def announcing(
+    scenario: "lazy.scenario.Scenario", backend: str, progress: "lazy.progress.Report", *more: str
+) -> "lazy.progress.Report":
     """Return `progress` that prints what runs before its first report: a run that is refused prints nothing."""
     announced = False
 
@@ -86,7 +83,7 @@ def announcing(scenario: "Scenario", backend: str, progress: "Report", *more: st
     return report
 
 
-def print_start(scenario: "Scenario", backend: str) -> None:
+def print_start(scenario: "lazy.scenario.Scenario", backend: str) -> None:
     """Print the size, engine and duration of a run that starts."""
     agents = len(scenario.agents)
     targets = len(scenario.targets)
@@ -97,7 +94,7 @@ def print_start(scenario: "Scenario", backend: str) -> None:
         print(printable(line), flush=True)
 
 
-def print_outcome(outcome: "Outcome", *, overridden: bool = False) -> None:
+def print_outcome(outcome: "lazy.publish.Outcome", *, overridden: bool = False) -> None:
     """Print the result of a published run, then its errors, its notes and its files.
 
     Args:
@@ -155,13 +152,11 @@ def describe_files(directory: Path, about: Mapping[str, str]) -> list[str]:
 
 def _verdict(expect: dict[str, Any], overridden: bool) -> str:
     """Return the verdict on the scenario's expectation: what is missed, or else every measure with its bound."""
-    from mjsheaf.runs.expecting import missed
-
     if expect["met"] is None:
         return f"no expectation: {expect.get('reason') or 'the scenario has no `expect:` block for this backend'}"
     if not expect["met"]:
         scope = " (the expectation is for the scenario without --set)" if overridden else ""
-        return f"NOT as expected: {'; '.join(missed(expect['checks']))}{scope}"
+        return f"NOT as expected: {'; '.join(lazy.expecting.missed(expect['checks']))}{scope}"
     held = [
         f"{_words(check['measure'])} {check['found']:.3g} m "
         f"(at {'least' if check['measure'] == 'smallest_separation' else 'most'} {check['bound']:g} m)"
@@ -263,21 +258,17 @@ def run(
     code 1).
     """
     with progress_bars() as bars:
-        from mjsheaf.runs import expecting, publish
-        from mjsheaf.scenario.load import find_scenario
-        from mjsheaf.video.film import video_options
-
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
         if expect and getattr(loaded.expect, backend) is None and loaded.expect.refused is None:
             raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
         named = None
         if expect or controller is not None:
-            named = expecting.expected_law(loaded, find_scenario(scenario).parent, controller)
+            named = lazy.expecting.expected_law(loaded, lazy.load.find_scenario(scenario).parent, controller)
         law = named.load(loaded.seed) if named else None
-        options = video_options(loaded, quality=quality) if video else None
+        options = lazy.film.video_options(loaded, quality=quality) if video else None
         with _as_expected(scenario, loaded.expect.refused if expect else None):
-            outcome = publish.execute(
+            outcome = lazy.publish.execute(
                 loaded,
                 str(backend),
                 directory,
@@ -295,13 +286,13 @@ def run(
     if options is not None:
         _draw_video(
             directory / "video.mp4",
-            publish.without_video(directory),
-            lambda bars: "".join(publish.add_video(outcome, loaded, options, bars).notes),  # at most one
+            lazy.publish.without_video(directory),
+            lambda bars: "".join(lazy.publish.add_video(outcome, loaded, options, bars).notes),  # at most one
         )
     if outcome.summary["status"] == "unstable":
         raise UnstableError(f"{outcome.summary['message']}; what was recorded is in {directory}")
     if expect:
-        misses = expecting.missed(outcome.summary["expect"]["checks"])
+        misses = lazy.expecting.missed(outcome.summary["expect"]["checks"])
         if misses:
             raise NotHeldError(f"{scenario}: {', '.join(misses)}")
         parts = (outcome.summary, *outcome.summary["phases"])
@@ -324,7 +315,7 @@ def _as_expected(scenario: str, refusal: str | None) -> Iterator[None]:
         raise type(error)(f"{scenario}: {error}{verdict}") from None
 
 
-def _draw_video(path: Path, kept: str, draw: Callable[["Report"], str]) -> None:
+def _draw_video(path: Path, kept: str, draw: Callable[["lazy.progress.Report"], str]) -> None:
     """Draw the video of a published run or comparison into its directory, and print its path or why there is none.
 
     Args:
@@ -365,15 +356,11 @@ def compare(
     bodies right) to a directory (default runs/NAME-compare).
     """
     with progress_bars() as bars:
-        from mjsheaf.comparing.compare import add_video, publish
-        from mjsheaf.comparing.page import report, summary
-        from mjsheaf.scenario.load import find_law
-
         figures = figure_options(formats, title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
-        law = None if controller is None else find_law(controller)
+        law = None if controller is None else lazy.load.find_law(controller)
         with in_field(scenario):
-            published = publish(
+            published = lazy.comparing.publish(
                 loaded,
                 directory,
                 engine=str(engine),
@@ -385,15 +372,15 @@ def compare(
             )
     record = published.comparison.record
     if full:
-        make_console(_WIDTH).print(report(record))
+        make_console(_WIDTH).print(lazy.comparing_page.report(record))
     else:
-        print_lines(*summary(record))
+        print_lines(*lazy.comparing_page.summary(record))
     print_lines(*filter(None, [published.replaced]), *describe_files(directory, _COMPARED_FILES))
     if video:
         _draw_video(
             directory / "compare.mp4",
             f"{directory} is complete except for its video",
-            lambda bars: add_video(published, quality, bars),
+            lambda bars: lazy.comparing.add_video(published, quality, bars),
         )
     for rung in map(record.rung, ("ideal", "all")):
         if rung.status != "finished":
@@ -416,9 +403,7 @@ def compare_runs(
 
     figures = figure_options(formats, title)
     with progress_bars() as bars:
-        from mjsheaf.runs.overlay import publish_runs
-
-        record, place, replaced = publish_runs(directories, out, figures, bars)
+        record, place, replaced = lazy.overlay.publish_runs(directories, out, figures, bars)
     numbers = ["tracking", "at the end", "formation", "at the end ", "distance"]
     headings = ["run", "backend", "law", *numbers]
     above = (
@@ -480,35 +465,31 @@ def expect(
     diverges, it writes nothing (exit code 3).
     """
     with progress_bars() as bars:
-        from mjsheaf.files import replace_file, require_writable, with_field
-        from mjsheaf.runs import expecting
-        from mjsheaf.scenario.load import find_scenario, load_scenario, name_law_from
-
-        loaded = load_scenario(scenario)
-        path = find_scenario(scenario)
+        loaded = lazy.scenario.load_scenario(scenario)
+        path = lazy.load.find_scenario(scenario)
         data = path.read_bytes()
         if update:
-            require_writable(path)
-        order = expecting.BACKEND_ORDER
+            lazy.files.require_writable(path)
+        order = lazy.expecting.BACKEND_ORDER
         wanted = sorted(map(str, set(backend or order)), key=order.index)
-        known = wanted if update else expecting.expected_backends(loaded)
+        known = wanted if update else lazy.expecting.expected_backends(loaded)
         missing = [name for name in wanted if name not in known]
         if missing and (backend or not known):
             raise InputError(f"{scenario}: expect.{missing[0]}: missing; --update writes it from a run")
         trials = []
         with in_field(scenario):
-            law = expecting.expected_law(loaded, path.parent, controller)
+            law = lazy.expecting.expected_law(loaded, path.parent, controller)
         before = loaded.expect.model_dump(exclude_none=True)
         if update and law is not None:
-            before["controller"] = name_law_from(law, path.parent)
+            before["controller"] = lazy.load.name_law_from(law, path.parent)
         for name in [name for name in wanted if name in known]:
             with in_field(scenario):
                 trials.append(
-                    expecting.try_scenario(loaded, name, law=law, progress=partial(bars, f"simulating ({name})"))
+                    lazy.expecting.try_scenario(loaded, name, law=law, progress=partial(bars, f"simulating ({name})"))
                 )
-            print_lines(expecting.describe(trials[-1], loaded.name, scenario))
+            print_lines(lazy.expecting.describe(trials[-1], loaded.name, scenario))
     if not update:
-        misses = [f"{miss} on {trial.backend}" for trial in trials for miss in expecting.missed(trial.checks)]
+        misses = [f"{miss} on {trial.backend}" for trial in trials for miss in lazy.expecting.missed(trial.checks)]
         if misses:
             raise NotHeldError(f"{scenario}: {', '.join(misses)}")
         return
@@ -516,10 +497,10 @@ def expect(
         if trial.status == "unstable":
             raise UnstableError(f"{scenario}: blew up on {trial.backend}: {trial.message}; nothing is written")
     with in_field(scenario):
-        block = expecting.expectation_from(trials, margin, before)
+        block = lazy.expecting.expectation_from(trials, margin, before)
     comment = "" if "refused" in block else f"at most {100.0 * margin:g} % above what was found"
-    text = with_field(data.decode("utf-8"), "expect", block, scenario, comment)
-    replace_file(path, text.encode("utf-8"), expected=data)
+    text = lazy.files.with_field(data.decode("utf-8"), "expect", block, scenario, comment)
+    lazy.files.replace_file(path, text.encode("utf-8"), expected=data)
     print_lines(f"wrote expect: of {path}")
 
 
@@ -571,24 +552,18 @@ def sweep(
     same command resumes it. A failed run becomes a row of the table; the other runs continue, and the exit code is
     still 0.
     """
-    from mjsheaf.threads import ONE_THREAD
-
-    for name in ONE_THREAD:  # also for threads of this process, because numpy is not imported yet
+    for name in lazy.threads.ONE_THREAD:  # also for threads of this process, because numpy is not imported yet
         os.environ.setdefault(name, "1")
     with progress_bars() as bars:
-        from mjsheaf.studies.plan import load_plan, parse_seeds
-        from mjsheaf.studies.study import run_study
-        from mjsheaf.studies.workers import local_workers, workers_at
-
         if scheduler is not None and (workers is not None or threads):
             option = "--threads" if workers is None else "--workers"
             reason = "has no meaning with --scheduler, which has its own workers; give one of the two"
             raise InputError(f"{option}: {reason}")
         figures = figure_options(formats, title)
-        plan = load_plan(
+        plan = lazy.plan.load_plan(
             source,
             grid=_grid_of(grid or ()),
-            seeds=None if seeds is None else parse_seeds(seeds),
+            seeds=None if seeds is None else lazy.plan.parse_seeds(seeds),
             overrides=changes_of(overrides),
             backend=backend and backend.value,
             engine=engine and engine.value,
@@ -600,9 +575,9 @@ def sweep(
         if plan.study.seeds is not None and not plan.seed_matters:
             note_idle_seed(plan.scenario["name"], plan.study.backend)
         begin = (
-            partial(local_workers, workers, processes=not threads)
+            partial(lazy.workers.local_workers, workers, processes=not threads)
             if scheduler is None
-            else partial(workers_at, scheduler, print_note)
+            else partial(lazy.workers.workers_at, scheduler, print_note)
         )
 
         def kept() -> str:
@@ -610,7 +585,7 @@ def sweep(
             return f"{ended} of {len(plan.points)} runs have ended and are kept in {out}; the same command resumes it"
 
         with saying_what_is_kept(kept):
-            study = run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)
+            study = lazy.study.run_study(plan, out, begin, retry_failed=retry_failed, figures=figures, progress=bars)
     _print_study(study, out)
 
 
@@ -620,19 +595,15 @@ def _grid_of(texts: Iterable[str]) -> dict[str, Any]:
     Raises:
         InputError: A field is named twice, or a text is no field with values.
     """
-    from mjsheaf.studies.plan import parse_grid
-
-    swept = [parse_grid(text) for text in texts]
+    swept = [lazy.plan.parse_grid(text) for text in texts]
     for path, count in Counter(path for path, _ in swept).items():
         if count > 1:
             raise InputError(f"--grid {path}: is given twice; give all its values once")
     return dict(swept)
 
 
-def _print_study(study: "Study", out: Path) -> None:
+def _print_study(study: "lazy.study.Study", out: Path) -> None:
     """Print how the runs of a study ended, and its files."""
-    from mjsheaf.studies.study import not_converged
-
     records = study.records
     counts = Counter(record["status"] for record in records)
     before = len(records) - study.begun
@@ -646,7 +617,7 @@ def _print_study(study: "Study", out: Path) -> None:
         print_lines(f"  and {len(failed) - 1} more that did not finish; see {out / 'table.csv'}")
     unsettled = sum(record["status"] == "finished" and record["settled"] is False for record in records)
     print_lines(
-        *filter(None, [not_converged(unsettled, counts["finished"])]),
+        *filter(None, [lazy.study.not_converged(unsettled, counts["finished"])]),
         *(f"  {out / name}" for name in study.files),
     )
 
@@ -673,22 +644,19 @@ def video(
     Options that are not given come from the scenario of the run.
     """
     changes = {k: v for k, v in locals().items() if k not in ("directory", "out")}
-    with progress_bars() as bars:
-        from mjsheaf.results.store import reopen_run, save_summary
-        from mjsheaf.runs.publish import video_entry
-        from mjsheaf.video import available_backend, draw, film
-
-        with reopen_run(directory) as (scenario, dataset, summary):
-            options = film.video_options(scenario, **changes)
-            own = directory / "video.mp4"
-            path = own if out is None else out
-            require_place(path, own, ".mp4")
-            backend, reason = available_backend()
-            if backend is None:
-                raise InputError(f"no video can be drawn here: {reason}")
-            frames = draw.draw_video([film.film_of(scenario, dataset)], path, options, partial(bars, "drawing video"))
+    with progress_bars() as bars, lazy.store.reopen_run(directory) as (scenario, dataset, summary):
+        options = lazy.film.video_options(scenario, **changes)
+        own = directory / "video.mp4"
+        path = own if out is None else out
+        require_place(path, own, ".mp4")
+        backend, reason = lazy.video.available_backend()
+        if backend is None:
+            raise InputError(f"no video can be drawn here: {reason}")
+        film = lazy.film.film_of(scenario, dataset)
+        frames = lazy.draw.draw_video([film], path, options, partial(bars, "drawing video"))
     if path.resolve() == own.resolve():
-        save_summary({**summary, "video": video_entry(frames, options)}, directory / "summary.json")
+        entry = lazy.publish.video_entry(frames, options)
+        lazy.store.save_summary({**summary, "video": entry}, directory / "summary.json")
     print_lines(f"{path}: {frames} frames, {options.width}x{options.height} at {options.fps:g} frames a second")
 
 
@@ -700,11 +668,9 @@ def report(
 ) -> None:
     """Rewrite the page of a finished run: one HTML file that replays the run in any browser, offline."""
     with progress_bars("writing the page"):
-        from mjsheaf.runs.publish import replay
-
         if out is not None:
             require_place(out, directory / "report.html", ".html")
-        path = replay(directory).save(out or directory / "report.html")
+        path = lazy.publish.replay(directory).save(out or directory / "report.html")
     print_lines(path)
 
 
@@ -719,13 +685,11 @@ def plot(
     """Redraw the plots of a finished run, for example as PDF without titles for a paper."""
     with progress_bars() as bars:
         figures = figure_options(formats, title)
-        from mjsheaf.runs.publish import plot_again
-
         if out is not None:
             if out.exists() and not out.is_dir():
                 raise InputError(f"--out {out}: is not a directory")
             require_place(out / "errors.png", directory / "errors.png")
-        found = plot_again(directory, out or directory, figures, bars)
+        found = lazy.publish.plot_again(directory, out or directory, figures, bars)
     for path in found:
         print_lines(path)
 
@@ -736,10 +700,8 @@ def require_place(path: Path, own: Path, *suffixes: str) -> None:
     Raises:
         InputError: The file cannot be written, or lies in the directory of a run.
     """
-    from mjsheaf.results.store import enclosing_run
-
     if suffixes:
         require_file_name("--out", path, *suffixes)
-    run = enclosing_run(path)
+    run = lazy.store.enclosing_run(path)
     if run is not None and path.resolve() != own.resolve():
         raise InputError(f"--out {path}: lies in {run}, a run's directory; expected {own}, or a place outside of runs")

@@ -7,12 +7,14 @@ import re
 import shlex
 import webbrowser
 from contextlib import ExitStack
+from importlib import import_module
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from mjsheaf import lazy
 from mjsheaf.cli.options import (
     FOXGLOVE,
     Backend,
@@ -36,9 +38,6 @@ from mjsheaf.cli.options import (
 from mjsheaf.cli.run import require_place
 from mjsheaf.errors import InputError, in_field, shortened
 
-if TYPE_CHECKING:
-    from mjsheaf.scenario import Scenario
-
 _ROOM = 40.0  # m around the origin that the vehicles of the new scenario need
 _LEAST_DURATION = 1.0  # s
 
@@ -58,31 +57,26 @@ def list_(
         return
     if files:
         raise InputError(f"{files[0]}: only vehicles have files to list; expected --vehicles {files[0]}")
-    from mjsheaf.files import list_studies, read_yaml
-    from mjsheaf.scenario import Scenario, list_scenarios, read_scenario
-
     numbers = ("agents", "targets", "seconds")
     table = make_table("name", *numbers, "what it shows", numbers=numbers, title="scenarios")
-    for name in list_scenarios():
-        s = Scenario.model_validate(read_scenario(name))  # no team is built, which takes longer than all the rest
+    for name in lazy.scenario.list_scenarios():
+        # No team is built, which takes longer than all the rest.
+        s = lazy.scenario.Scenario.model_validate(lazy.scenario.read_scenario(name))
         table.add_row(name, str(len(s.agents)), str(len(s.targets)), f"{s.time.end - s.time.start:g}", s.summary)
     studies = make_table("name", "scenario", "what it asks", title="studies, for mjsheaf sweep")
-    for name, path in list_studies().items():
-        study = read_yaml(path)
+    for name, path in lazy.files.list_studies().items():
+        study = lazy.files.read_yaml(path)
         studies.add_row(name, study["scenario"], study.get("summary", ""))
     make_console().print(table, "", studies)
 
 
 def _list_vehicles(files: list[str]) -> None:
-    from mjsheaf.scenario.slips import slips_of_vehicle
-    from mjsheaf.vehicles import effects, loading
-
     numbers = ("mass\n(kg)", "size\n(m)", "thrust-\ners", "thrust\n(N)", "tau\n(s)", "forward\n(m/s)", "all-way\n(m/s)")
     headings = ("name", *numbers)
     table = make_table(*headings, numbers=numbers, fixed=headings, title="vehicles", box=None, padding=(0, 1))
     summaries, slips = make_table("name", "moves in", "pushes", "", box=None), []
-    for source in [*loading.list_vehicles(), *files]:
-        vehicle = loading.load_vehicle(source)
+    for source in [*lazy.loading.list_vehicles(), *files]:
+        vehicle = lazy.loading.load_vehicle(source)
         tau, can = vehicle.reduced_model().tau, vehicle.capability
         table.add_row(
             vehicle.name,
@@ -97,10 +91,10 @@ def _list_vehicles(files: list[str]) -> None:
         summaries.add_row(
             vehicle.name,
             "plane" if vehicle.dimension == 2 else "space",
-            effects.authority_of(vehicle).describe().replace(", ", "\n"),
+            lazy.effects.authority_of(vehicle).describe().replace(", ", "\n"),
             vehicle.description.summary,
         )
-        slips += [f"note: {slip}" for slip in slips_of_vehicle(vehicle)]
+        slips += [f"note: {slip}" for slip in lazy.slips.slips_of_vehicle(vehicle)]
     note = (
         "size is the longest side; thrust is forward, at constant height; forward is the steady speed of full thrust "
         "forward, all-way that in the horizontal direction in which the vehicle is slowest (of a boat that turns "
@@ -141,34 +135,31 @@ def new(
 
     An existing file is not replaced.
     """
-    from mjsheaf.files import naming, write_whole
-    from mjsheaf.scenario.load import list_scenarios, name_from
-    from mjsheaf.vehicles.loading import list_vehicles, propose_description
-
     path = Path(name if name.endswith((".yaml", ".yml")) else f"{name}.yaml")
     if not re.fullmatch(r"\w[\w .+-]*", path.stem):
         raise InputError(f"{shortened(name)!r}: expected a name, such as mine")
     if path.exists() or path.is_symlink():
         raise InputError(f"{path}: exists already; expected another name")
-    if name in (list_scenarios() if vehicle is None else list_vehicles()):
+    if name in (lazy.scenario.list_scenarios() if vehicle is None else lazy.loading.list_vehicles()):
         kind = "scenario" if vehicle is None else "vehicle"
         raise InputError(f"{name}: is the name of an included {kind}; expected another name")
     require_file_name("NAME", path, ".yaml", ".yml")
     quoted = shlex.quote(str(path))
     following = f"mjsheaf check {quoted}, then mjsheaf run {quoted}"
     template = Path(__file__).parents[1] / "scenario" / "template.yaml"
-    text = template.read_text(encoding="utf-8").replace("{file}", path.name).replace("{name}", name_from(path))
+    text = template.read_text(encoding="utf-8").replace("{file}", path.name)
+    text = text.replace("{name}", lazy.load.name_from(path))
     if vehicle is not None and netcdf is not None:
         raise InputError("--vehicle writes a vehicle and --from-netcdf a scenario; expected one of them")
     if vehicle is not None:
         with in_field("--vehicle"):
-            text = propose_description(vehicle, _beside(vehicle, path))
+            text = lazy.loading.propose_description(vehicle, _beside(vehicle, path))
         following = f"replace each TODO, then mjsheaf list --vehicles {quoted}"
     elif netcdf is not None:
         with progress_bars("reading the netCDF file"):
             text = _within_flow(text, netcdf, path)
-    with naming(path):
-        write_whole(path, text.encode("utf-8"))
+    with lazy.files.naming(path):
+        lazy.files.write_whole(path, text.encode("utf-8"))
     print_lines(f"wrote {path}; next: {following}")
 
 
@@ -190,10 +181,8 @@ def _within_flow(text: str, netcdf: Path, path: Path) -> str:
     Raises:
         InputError: The file holds no flow, or one that is too small or too short for a scenario.
     """
-    from mjsheaf.media.flow_files import propose
-
     with in_field("--from-netcdf"):
-        found = propose(str(netcdf))
+        found = lazy.flow_files.propose(str(netcdf))
         if found.clear < _ROOM or found.duration < _LEAST_DURATION:
             raise InputError(
                 f"{netcdf} has a flow within {found.clear:.3g} m of its best place, for {found.duration:.3g} s; "
@@ -227,8 +216,6 @@ def schema(
 
 def schema_of(what: str) -> dict[str, Any]:
     """Return the JSON Schema of a scenario file, or of a 'check', a 'compare', a 'study' or a 'vehicle'."""
-    from importlib import import_module
-
     module, name = {
         "": ("scenario", "Scenario"),
         "check": ("checking", "CheckRecord"),
@@ -263,26 +250,21 @@ def export(
     if out is not None and len(formats) > 1:
         raise InputError(f"--out {out}: names one place; expected only one of --mcap and --ros2 with it")
     with progress_bars("exporting the run"):
-        from mjsheaf.export import FORMATS, export_run
-
         if out is not None:
             if not out.parent.is_dir():
                 raise InputError(f"--out {out}: there is no directory {out.parent}")
-            require_place(out, directory / FORMATS[formats[0]], *((".mcap",) if mcap else ()))
-        paths = [export_run(directory, name, out) for name in formats]
+            require_place(out, directory / lazy.export.FORMATS[formats[0]], *((".mcap",) if mcap else ()))
+        paths = [lazy.export.export_run(directory, name, out) for name in formats]
     print_lines(*paths)
 
 
 def _open_page(directory: Path, browser: bool) -> None:
     """Say where the page of a finished run is, and open it."""
-    from mjsheaf.results.store import open_run
-    from mjsheaf.runs.publish import replay
-
     path = directory / "report.html"
-    with open_run(directory):
+    with lazy.store.open_run(directory):
         pass
     if not path.is_file():
-        replay(directory).save(path)
+        lazy.publish.replay(directory).save(path)
     print_lines(f"open in a browser: {path}")
     if browser:
         webbrowser.open(path.resolve().as_uri())
@@ -320,17 +302,13 @@ def view(
         return
     with ExitStack() as loading:
         loading.enter_context(progress_bars("preparing the run"))
-        from mjsheaf.export import require_installed
-        from mjsheaf.live.live import SPEEDS
-        from mjsheaf.live.live import view as view_live
-        from mjsheaf.scenario.load import load_scenario
-
-        if speed != 0.0 and speed not in SPEEDS:
-            raise InputError(f"--speed {speed:g}: expected 0 or one of {', '.join(f'{s:g}' for s in SPEEDS)}")
+        speeds = lazy.live.SPEEDS
+        if speed != 0.0 and speed not in speeds:
+            raise InputError(f"--speed {speed:g}: expected 0 or one of {', '.join(f'{s:g}' for s in speeds)}")
         if out is not None and out.exists():
             raise InputError(f"--out {out}: exists; expected the name of a new directory")
-        kinds = require_installed(["live"] if live else [])
-        loaded = load_scenario(source, changes_of(overrides, seed))
+        kinds = lazy.export.require_installed(["live"] if live else [])
+        loaded = lazy.scenario.load_scenario(source, changes_of(overrides, seed))
         kept = ["nothing was written"]
 
         def announce(url: str) -> None:
@@ -340,17 +318,14 @@ def view(
             if browser:
                 webbrowser.open(url)
 
-        def record(scenario: "Scenario") -> None:
-            from mjsheaf.files import naming, whole_directory
-            from mjsheaf.runs.publish import write_scenario
-
+        def record(scenario: "lazy.scenario.Scenario") -> None:
             name = f"{loaded.name}-{backend}-live"
             places = (Path("runs") / own for own in chain([name], (f"{name}-{number}" for number in count(2))))
             directory = out or next(path for path in places if not path.exists())
-            with naming(directory):
+            with lazy.files.naming(directory):
                 directory.parent.mkdir(parents=True, exist_ok=True)
-                with whole_directory(directory) as fresh:
-                    write_scenario(scenario, fresh)
+                with lazy.files.whole_directory(directory) as fresh:
+                    lazy.publish.write_scenario(scenario, fresh)
             other = "" if engine is Engine.MUJOCO else f" --engine {engine}"
             again = f"mjsheaf run {directory / 'scenario.yaml'} --backend {backend}{other}"
             number = len(scenario.events) - len(loaded.events)
@@ -359,7 +334,7 @@ def view(
         pace = speed or math.inf
         with in_field(source), saying_what_is_kept(lambda: kept[0]):
             sinks = [kind(Path(os.devnull), loaded, loaded.phases, Path(os.devnull), math.inf) for kind in kinds]
-            view_live(
+            lazy.live.view(
                 loaded, str(backend), engine=str(engine), port=port, speed=pace, sinks=sinks, opened=announce,
                 recorded=record,
             )  # fmt: skip
