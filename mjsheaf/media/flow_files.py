@@ -8,20 +8,18 @@ line that names file, variable and choice. Places are those of `mjsheaf.recordin
 import math
 import re
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import cftime  # type: ignore[import-untyped]
 import numpy as np
+import xarray as xr
 from scipy.ndimage import distance_transform_edt
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, expected, in_field, listed, shortened
 from mjsheaf.files import digest_of
+from mjsheaf.media.gridded import Grid, Medium, Reading, Request
 from mjsheaf.recordings.cf import Plane, converts, coordinates_of, decoded, factor, open_netcdf, plane_of, text_of
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-Medium = Literal["water", "air"]
 
 FASTEST: dict[Medium | None, float] = {"water": 20.0, "air": 150.0, None: 150.0}
 """Speeds that no medium has, m/s. The fastest tidal currents run at 11 m/s (Saltstraumen), the fastest gust measured
@@ -50,55 +48,6 @@ _DATE = re.compile(
     r"\s*(Z|UTC|GMT|[-+]\d{1,2}:?(\d{2})?)?\s*$",
     re.IGNORECASE,
 )
-
-
-class Grid(NamedTuple):
-    """Velocities on a grid.
-
-    Attributes:
-        x, y: Places of the nodes along the axes of the grid, shapes (X,) and (Y,), rising, m.
-        time: Times, shape (T,), rising, s; one for a steady flow.
-        velocity: Velocities along the axes of the plane, shape (T, Y, X, 3), m/s; NaN on land.
-        turn: Matrix from a place in the plane to one along the axes of the grid, shape (2, 2).
-    """
-
-    x: Array
-    y: Array
-    time: Array
-    velocity: Array
-    turn: Array
-
-    @property
-    def box(self) -> str:
-        """The box in words."""
-        along = "" if np.array_equal(self.turn, np.eye(2)) else ", along the axes of its grid"
-        return f"x from {self.x[0]:.6g} to {self.x[-1]:.6g} m and y from {self.y[0]:.6g} to {self.y[-1]:.6g} m{along}"
-
-
-class Request(NamedTuple):
-    """Parameters of reading a file; see the fields of `mjsheaf.media.gridded.GriddedFlow`.
-
-    Attributes:
-        sha256: Digest of the content that is meant; None for the present one.
-        medium: Medium of the section; None where vehicles of both meet it.
-    """
-
-    path: str
-    sha256: str | None
-    origin: tuple[float, float]
-    start: str | None = None
-    depth: float = 0.0
-    variables: tuple[str, ...] = ()
-    select: tuple[tuple[str, float | str], ...] = ()
-    medium: Medium | None = None
-
-
-class Reading(NamedTuple):
-    """A grid, the medium that its variables are of, and notes on choices that a user may not expect."""
-
-    grid: Grid
-    medium: Medium | None
-    notes: tuple[str, ...]
 
 
 @lru_cache(8)
@@ -164,7 +113,7 @@ def _statistic(variable: Any) -> str:
     return within[0] if within else others[0] if others else ""
 
 
-def _pairs(data: "xr.Dataset") -> list[_Pair]:
+def _pairs(data: xr.Dataset) -> list[_Pair]:
     """Return the horizontal flows of a file: those of standard names, or if there are none, by name."""
     families: dict[tuple[str, Medium, Literal["earth", "grid"]], tuple[list[str], list[str]]] = {}
     for name, variable in data.data_vars.items():
@@ -179,7 +128,7 @@ def _pairs(data: "xr.Dataset") -> list[_Pair]:
     return pairs or _pairs_by_name(data)
 
 
-def _pairs_by_name(data: "xr.Dataset") -> list[_Pair]:
+def _pairs_by_name(data: xr.Dataset) -> list[_Pair]:
     plain = {
         str(n).lower(): str(n) for n, v in data.data_vars.items() if not (text_of(v, "standard_name") or _statistic(v))
     }
@@ -208,7 +157,7 @@ def _are_named_alike(u: str, v: str) -> bool:
     return any(u[: at.start()] + b + u[at.end() :] == v for a, b in changes for at in re.finditer(a, u))
 
 
-def _choose(data: "xr.Dataset", asked: Request) -> _Pair:
+def _choose(data: xr.Dataset, asked: Request) -> _Pair:
     """Return the variables of the flow that fits a request.
 
     Raises:
@@ -245,7 +194,7 @@ def _choose(data: "xr.Dataset", asked: Request) -> _Pair:
     return pair._replace(names=(*pair.names, *up[:1]))
 
 
-def _named(data: "xr.Dataset", asked: Request) -> _Pair:
+def _named(data: xr.Dataset, asked: Request) -> _Pair:
     """Return the variables that a user names.
 
     Raises:
@@ -285,10 +234,8 @@ class _Part(NamedTuple):
     plane: Plane
 
 
-def _with_coordinates(data: "xr.Dataset", name: str) -> "xr.DataArray":
+def _with_coordinates(data: xr.Dataset, name: str) -> xr.DataArray:
     """Return a variable, undecoded, with its decoded coordinates, also those that nothing but their units name."""
-    import xarray as xr
-
     variable = data[name]
     places = ("degree_north", "degrees_north", "degree_east", "degrees_east")
     named = text_of(variable, "coordinates").split() + text_of(data, "coordinates").split()
@@ -308,7 +255,7 @@ def _with_coordinates(data: "xr.Dataset", name: str) -> "xr.DataArray":
     return variable.drop_vars(list(variable.coords)).assign_coords(decoded.coords)
 
 
-def _selected(part: "xr.DataArray", select: tuple[tuple[str, float | str], ...]) -> "tuple[xr.DataArray, set[str]]":
+def _selected(part: xr.DataArray, select: tuple[tuple[str, float | str], ...]) -> tuple[xr.DataArray, set[str]]:
     """Return a variable at chosen places along some of its axes, and the names of those that it has.
 
     Raises:
@@ -335,7 +282,7 @@ def _selected(part: "xr.DataArray", select: tuple[tuple[str, float | str], ...])
     return part, used
 
 
-def _readable(axis: "xr.DataArray") -> Any:
+def _readable(axis: xr.DataArray) -> Any:
     """Return the values of an axis, times as dates."""
     return _dates(axis) if "since" in text_of(axis, "units") else axis.values
 
@@ -344,7 +291,7 @@ def _shown(values: Any) -> str:
     return listed([f"{v:.6g}" if values.dtype.kind in "fiu" else str(v)[:19] for v in values])
 
 
-def _refuse_axis(part: "xr.DataArray", name: str) -> None:
+def _refuse_axis(part: xr.DataArray, name: str) -> None:
     values = np.arange(part.sizes[name]) if name not in part.coords else np.atleast_1d(_readable(part[name]))
     units = f" in {text_of(part[name], 'units')}" if name in part.coords and text_of(part[name], "units") else ""
     example = values.ravel()[0]
@@ -354,7 +301,7 @@ def _refuse_axis(part: "xr.DataArray", name: str) -> None:
     )
 
 
-def _is_vertical(part: "xr.DataArray", axis: "xr.DataArray") -> bool:
+def _is_vertical(part: xr.DataArray, axis: xr.DataArray) -> bool:
     """Return True for an axis of depth, height, pressure, density or layers."""
     if axis.name in coordinates_of(part, "vertical", "Z"):
         return True
@@ -370,7 +317,7 @@ def _is_vertical(part: "xr.DataArray", axis: "xr.DataArray") -> bool:
     )
 
 
-def _at_depth(part: "xr.DataArray", depth: float, medium: Medium | None, notes: list[str]) -> "xr.DataArray":
+def _at_depth(part: xr.DataArray, depth: float, medium: Medium | None, notes: list[str]) -> xr.DataArray:
     """Return the values of a component at a distance from the surface.
 
     Raises:
@@ -406,7 +353,7 @@ def _at_depth(part: "xr.DataArray", depth: float, medium: Medium | None, notes: 
     return part.drop_vars([other for other in axes if other in part.coords])
 
 
-def _distances(axis: "xr.DataArray", medium: Medium | None) -> Array | None:
+def _distances(axis: xr.DataArray, medium: Medium | None) -> Array | None:
     """Return the distances of the levels of an axis from the surface, m; None if they are something else.
 
     Raises:
@@ -441,9 +388,7 @@ def _distances(axis: "xr.DataArray", medium: Medium | None) -> Array | None:
 # -- values --------------------------------------------------------------------------------------------------------
 
 
-def _read_part(
-    data: "xr.Dataset", part: "xr.DataArray", asked: Request, medium: Medium | None, notes: list[str]
-) -> _Part:
+def _read_part(data: xr.Dataset, part: xr.DataArray, asked: Request, medium: Medium | None, notes: list[str]) -> _Part:
     """Read a component at its depth.
 
     Raises:
@@ -497,7 +442,7 @@ def _read_part(
 # -- time ----------------------------------------------------------------------------------------------------------
 
 
-def _time_axis(part: "xr.DataArray") -> "xr.DataArray | None":
+def _time_axis(part: xr.DataArray) -> xr.DataArray | None:
     """Return the times of a variable, one for each or one for all; None if it has none.
 
     Times of a forecast are its reference time and the periods after it.
@@ -528,9 +473,7 @@ def _time_axis(part: "xr.DataArray") -> "xr.DataArray | None":
     return axis
 
 
-def _means_at_their_middle(
-    data: "xr.Dataset", part: "xr.DataArray", axis: "xr.DataArray", notes: list[str]
-) -> "xr.DataArray":
+def _means_at_their_middle(data: xr.Dataset, part: xr.DataArray, axis: xr.DataArray, notes: list[str]) -> xr.DataArray:
     """Return the times of a variable, those of means over time in the middle of their bounds."""
     bounds = data.variables.get(text_of(axis, "bounds"))
     names = "|".join(re.escape(str(name)) for name in {axis.name, *axis.dims})
@@ -549,14 +492,12 @@ def _means_at_their_middle(
     return axis.copy(data=middles)
 
 
-def _dates(axis: "xr.DataArray") -> Any:
+def _dates(axis: xr.DataArray) -> Any:
     """Return the dates of an axis, shape (T,), of numpy or of cftime.
 
     Raises:
         InputError: They are no dates.
     """
-    import xarray as xr
-
     units, calendar = text_of(axis, "units"), text_of(axis, "calendar") or "standard"
     unit, since, _ = units.partition("since")
     if not (since and converts(unit.lower(), "s")):
@@ -585,8 +526,6 @@ def _seconds(dates: Any, start: str | None) -> Array:
     Raises:
         InputError: `start` is no time, or times do not rise.
     """
-    import cftime  # type: ignore[import-untyped]
-
     if dates is None and start is not None:
         raise InputError("start: the file has no times; expected none")
     if dates is None:
@@ -667,8 +606,6 @@ def _at_nodes(values: Array, at: Array, to: Array, axis: int) -> Array:
         return values
     if np.isin(to, at).all():
         return np.take(values, np.searchsorted(at, to), axis)
-    import xarray as xr
-
     dims = ("time", "y", "x")
     return xr.DataArray(values, {dims[axis]: at}, dims).interp({dims[axis]: to}).values
 

@@ -18,13 +18,63 @@ from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import InputError, in_field
 from mjsheaf.files import digest_of
 from mjsheaf.media.flow import FlowField
-from mjsheaf.media.flow_files import Grid, Medium, Reading, Request, read_flow
 from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure
 from mjsheaf.section import NonNegative, Number
+
+Medium = Literal["water", "air"]
 
 _ROUNDING = 1e-9
 _MEDIA: dict[str, Medium] = {"wind": "air", "current": "water"}
 """Medium of a flow field by its name; those by role have none."""
+
+
+class Grid(NamedTuple):
+    """Velocities on a grid.
+
+    Attributes:
+        x, y: Places of the nodes along the axes of the grid, shapes (X,) and (Y,), rising, m.
+        time: Times, shape (T,), rising, s; one for a steady flow.
+        velocity: Velocities along the axes of the plane, shape (T, Y, X, 3), m/s; NaN on land.
+        turn: Matrix from a place in the plane to one along the axes of the grid, shape (2, 2).
+    """
+
+    x: Array
+    y: Array
+    time: Array
+    velocity: Array
+    turn: Array
+
+    @property
+    def box(self) -> str:
+        """The box in words."""
+        along = "" if np.array_equal(self.turn, np.eye(2)) else ", along the axes of its grid"
+        return f"x from {self.x[0]:.6g} to {self.x[-1]:.6g} m and y from {self.y[0]:.6g} to {self.y[-1]:.6g} m{along}"
+
+
+class Request(NamedTuple):
+    """Parameters of reading a file; see the fields of `mjsheaf.media.gridded.GriddedFlow`.
+
+    Attributes:
+        sha256: Digest of the content that is meant; None for the present one.
+        medium: Medium of the section; None where vehicles of both meet it.
+    """
+
+    path: str
+    sha256: str | None
+    origin: tuple[float, float]
+    start: str | None = None
+    depth: float = 0.0
+    variables: tuple[str, ...] = ()
+    select: tuple[tuple[str, float | str], ...] = ()
+    medium: Medium | None = None
+
+
+class Reading(NamedTuple):
+    """A grid, the medium that its variables are of, and notes on choices that a user may not expect."""
+
+    grid: Grid
+    medium: Medium | None
+    notes: tuple[str, ...]
 
 
 class GriddedFlow(FlowField):
@@ -94,6 +144,8 @@ class GriddedFlow(FlowField):
         Raises:
             InputError: The file cannot be read, has changed, or has no such data; the message begins with the field.
         """
+        from mjsheaf.media.flow_files import read_flow  # which loads libraries that take long
+
         latitude, longitude = self.origin
         select = tuple(self.select.items())
         variables = tuple(self.variables or ())

@@ -17,17 +17,19 @@ import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
+import cf_xarray  # noqa: F401  # adds the accessor `cf`
+import h5py
 import numpy as np
+import xarray as xr
+from pyproj import CRS, Transformer
+from pyproj.enums import TransformDirection
+from pyproj.exceptions import CRSError, ProjError
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, in_field, listed, shortened
 from mjsheaf.files import open_regular
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from pyproj import CRS
 
 _SIGNATURE = b"\x89HDF"
 _FILLS = {"f4": 9.969209968386869e36, "f8": 9.969209968386869e36, "i2": -32767, "u2": 65535, "i4": -2147483647}
@@ -37,14 +39,12 @@ _WORDS = ("standard_name", "long_name", "axis", "positive", "coordinates", "grid
 
 
 @contextmanager
-def open_netcdf(path: str, sha256: str | None = None) -> "Iterator[xr.Dataset]":
+def open_netcdf(path: str, sha256: str | None = None) -> Iterator[xr.Dataset]:
     """Open a netCDF file as it is, with attributes that are text where CF says so, and without warnings.
 
     Raises:
         InputError: It cannot be read, or its content is not the expected one.
     """
-    import xarray as xr  # slow to import
-
     with open_regular(path) as file, warnings.catch_warnings():
         if sha256 is not None and hashlib.file_digest(file, "sha256").hexdigest() != sha256:
             raise InputError("has changed since it was read; expected the content of its sha256, or no such field")
@@ -82,8 +82,6 @@ def _require_whole(file: BinaryIO) -> None:
     Raises:
         OSError: HDF5 cannot open it.
     """
-    import h5py  # slow to import
-
     whole = file.read(len(_SIGNATURE)) != _SIGNATURE
     file.seek(0)
     if not whole:
@@ -97,15 +95,13 @@ def text_of(variable: Any, key: str) -> str:
     return str(variable.attrs.get(key, ""))
 
 
-def coordinates_of(part: "xr.DataArray", *roles: str) -> list[str]:
+def coordinates_of(part: xr.DataArray, *roles: str) -> list[str]:
     """Return the names of the coordinates of a variable that have one of these roles by cf-xarray."""
-    import cf_xarray  # noqa: F401  # registers the accessor
-
     tables = {**part.cf.axes, **part.cf.coordinates}
     return list(dict.fromkeys(str(name) for role in roles for name in tables.get(role, ()) if name in part.coords))
 
 
-def decoded(part: "xr.DataArray") -> "xr.DataArray":
+def decoded(part: xr.DataArray) -> xr.DataArray:
     """Return a variable with its values unpacked, and NaN where they are missing or not valid.
 
     `valid_min`, `valid_max` and `valid_range` are about packed values, unless they have the type of unpacked ones.
@@ -113,8 +109,6 @@ def decoded(part: "xr.DataArray") -> "xr.DataArray":
     Raises:
         InputError: The values, or their limits, are no numbers.
     """
-    import xarray as xr
-
     part = part.load()
     attrs = part.attrs
     if not {"flag_values", "flag_masks", "flag_meanings"}.isdisjoint(attrs) or part.dtype.kind not in "fiu":
@@ -152,7 +146,7 @@ def factor(unit: object, into: str) -> float:
     Raises:
         InputError: It is no unit, or one of something else.
     """
-    from cf_xarray.units import units  # slow to import
+    from cf_xarray.units import units  # takes a second
 
     text = " ".join(str(unit).split())
     if into == "m s-1" and text.lower() in ("m/s", "ms-1"):  # the second would be 1/ms
@@ -226,15 +220,13 @@ class Plane(NamedTuple):
 
 
 def plane_of(
-    data: "xr.Dataset", part: "xr.DataArray", origin: tuple[float, float] | None
-) -> "tuple[xr.DataArray, xr.DataArray, Plane]":
+    data: xr.Dataset, part: xr.DataArray, origin: tuple[float, float] | None
+) -> tuple[xr.DataArray, xr.DataArray, Plane]:
     """Return the coordinates of a variable along x and y, and its plane; without an origin, that about its middle.
 
     Raises:
         InputError: The grid is not rectangular in degrees, or in a projection that pyproj knows.
     """
-    from pyproj.exceptions import ProjError
-
     lats, lons = _find_places(part, "latitude", _LATITUDES), _find_places(part, "longitude", _LONGITUDES)
     y, x = lats[0] if lats else None, lons[0] if lons else None
     if x is not None and y is not None and x.ndim == y.ndim == 1:
@@ -298,14 +290,14 @@ def plane_of(
     raise InputError("has no longitude and latitude; expected both in degrees")
 
 
-def _find_places(part: "xr.DataArray", role: str, names: tuple[str, ...]) -> "list[xr.DataArray]":
+def _find_places(part: xr.DataArray, role: str, names: tuple[str, ...]) -> list[xr.DataArray]:
     """Return the longitudes or latitudes of a variable, those along one axis first."""
     found = [part[name] for name in coordinates_of(part, role)]
     bare = [c for c in part.coords if str(c).lower() in names and not text_of(part[c], "standard_name")]
     return sorted([*found, *(part[c] for c in bare if c not in [f.name for f in found])], key=lambda c: abs(c.ndim - 1))
 
 
-def _degrees(axis: "xr.DataArray") -> Array:
+def _degrees(axis: xr.DataArray) -> Array:
     """Return angles in degrees; those without units are in degrees.
 
     Raises:
@@ -320,10 +312,10 @@ def _degrees(axis: "xr.DataArray") -> Array:
 
 
 def _project(
-    crs: "CRS",
+    crs: CRS,
     across: Array,
     along: Array,
-    places: "tuple[xr.DataArray | None, xr.DataArray | None]",
+    places: tuple[xr.DataArray | None, xr.DataArray | None],
     origin: tuple[float, float] | None,
 ) -> Plane:
     """Return the plane of a projected grid: with its axes, but with the scale that holds about the origin.
@@ -337,9 +329,6 @@ def _project(
     Raises:
         InputError: The projection does not agree, or the origin lies outside.
     """
-    from pyproj import Transformer
-    from pyproj.enums import TransformDirection
-
     to_places = Transformer.from_crs(crs, crs.source_crs, always_xy=True)
     step = _STEP / EARTH if crs.is_geographic else _STEP
     size = 1.0 if crs.is_geographic else crs.axis_info[0].unit_conversion_factor
@@ -381,11 +370,8 @@ def _project(
     )
 
 
-def _projections(data: "xr.Dataset", part: "xr.DataArray", x: "xr.DataArray") -> "Iterator[CRS]":
+def _projections(data: xr.Dataset, part: xr.DataArray, x: xr.DataArray) -> Iterator[CRS]:
     """Yield the projections of a variable, from its CF attributes and from a PROJ string if there is one."""
-    from pyproj import CRS
-    from pyproj.exceptions import CRSError
-
     for name in text_of(part, "grid_mapping").replace(":", " ").split():
         attrs = data.variables[name].attrs if name in data.variables and name != x.name else {}
         ways: list[tuple[Callable[[Any], CRS], Any]] = [(CRS.from_cf, attrs)]

@@ -14,7 +14,8 @@ import numpy as np
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.errors import InputError, listed
-from mjsheaf.recordings.tables import Axes, Rows, Selection, arrange
+from mjsheaf.recordings import Axes, Rows, Selection
+from mjsheaf.recordings.tables import arrange
 
 _HEADER = ("header.stamp", "header.frame_id")
 _FOXGLOVE = ("timestamp", "frame_id")

@@ -14,60 +14,16 @@ by an index of each sample (indexed ragged array).
 import csv
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
 
+import cf_xarray  # noqa: F401  # adds the accessor `cf`
 import numpy as np
-from pydantic import Field
+import pandas as pd
+import xarray as xr
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, in_field, listed, shortened
+from mjsheaf.recordings import Axes, Rows, Selection
 from mjsheaf.recordings.cf import decoded, factor, open_netcdf, to_plane
-from mjsheaf.section import Number, Section
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-
-Rows = list[list[float]]
-Axes = Literal["enu", "ned"]
-
-
-class Selection(Section):
-    """Fields of a recorded motion that select from its file; None where the file decides."""
-
-    topic: str | None = Field(
-        None, description="topic of a log; the agent or target in a run's result.nc; one of several trajectories"
-    )
-    frame: str | None = Field(None, description="child frame, of a topic with the transforms of several")
-    time: Literal["stamp", "log"] | None = Field(
-        None, description="clock of a log: stamps in its messages, where they have any, or the times in the log"
-    )
-    axes: Axes | None = Field(
-        None, description="axes of x, y and z, where the file does not say: east, north, up or north, east, down"
-    )
-    origin: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="latitude and longitude of the scenario's origin, for positions in degrees [deg]"
-    )
-
-    @property
-    def selects(self) -> bool:
-        """True if a field is given."""
-        return any(getattr(self, name) is not None for name in Selection.model_fields)
-
-    def refuse(self, *fields: str) -> None:
-        """Refuse fields that a kind of file has nothing for."""
-        for field in fields:
-            if getattr(self, field) is not None:
-                raise InputError(f"{field}: this kind of file has none; leave it out")
-
-    def choose(self, known: list[str]) -> str:
-        """Return the topic to read, which may be left out where there is only one."""
-        if self.topic is None and len(known) == 1:
-            return known[0]
-        if self.topic not in known:
-            given = "missing" if self.topic is None else f"there is no {self.topic!r}"
-            raise InputError(f"topic: {given}; expected {listed(known) or 'a log with a topic'}")
-        return self.topic
 
 
 def arrange(seconds: Array, columns: dict[str, Array], selection: Selection, axes: Axes = "enu") -> Rows:
@@ -328,8 +284,6 @@ def _seconds(cells: list[str], unit: str) -> Array:
 
 def _dates(cells: list[str]) -> Array:
     """Return how long after the first each date is, s."""
-    import pandas as pd
-
     try:
         dates = pd.to_datetime(cells, format="ISO8601", utc=True)
     except (ValueError, OverflowError):
@@ -353,8 +307,6 @@ _AXES: dict[str, tuple[tuple[str, ...], str]] = {
 
 def read_netcdf(path: Path, selection: Selection) -> Rows:
     """Read a run's result.nc, or a trajectory with CF's names."""
-    import xarray as xr
-
     selection.refuse("frame", "time")
     with open_netcdf(str(path)) as raw:
         dataset = xr.decode_cf(raw, decode_times=False, decode_timedelta=False)
@@ -383,10 +335,8 @@ def read_netcdf(path: Path, selection: Selection) -> Rows:
     return arrange(seconds, columns, selection)
 
 
-def _find(dataset: "xr.Dataset") -> dict[str, "xr.DataArray"]:
+def _find(dataset: xr.Dataset) -> dict[str, xr.DataArray]:
     """Return time and the coordinates of positions, found by CF standard name or unit, otherwise by name."""
-    import cf_xarray  # noqa: F401  # adds the accessor `cf`
-
     listing = dataset.set_coords(list(dataset.data_vars)).cf
     found = {}
     for axis, (standard, _) in _AXES.items():
@@ -413,8 +363,8 @@ def _find(dataset: "xr.Dataset") -> dict[str, "xr.DataArray"]:
 
 
 def _of_trajectory(
-    dataset: "xr.Dataset", found: dict[str, "xr.DataArray"], selection: Selection
-) -> dict[str, "xr.DataArray"]:
+    dataset: xr.Dataset, found: dict[str, xr.DataArray], selection: Selection
+) -> dict[str, xr.DataArray]:
     """Return the variables over the samples of one trajectory."""
     dims = next(found[axis].dims for axis in ("x", "latitude") if axis in found)
     variables = [dataset[name] for name in dataset.variables]
@@ -460,7 +410,7 @@ def _of_trajectory(
     return track
 
 
-def _values(variable: "xr.DataArray", axis: str) -> Array:
+def _values(variable: xr.DataArray, axis: str) -> Array:
     """Return the values of a coordinate in m, upwards, or in degrees; NaN where they are missing."""
     unit = _AXES[axis][1]
     with in_field(f"{axis} ({variable.name})"):
@@ -471,7 +421,7 @@ def _values(variable: "xr.DataArray", axis: str) -> Array:
     return 0.0 - values if axis == "z" and sense.lower() == "down" else values
 
 
-def _seconds_along(time: "xr.DataArray") -> Array:
+def _seconds_along(time: xr.DataArray) -> Array:
     """Return times in s; differences from the first where they have a date, so that no digit is lost."""
     if time.ndim != 1:
         raise InputError("expected a coordinate time")

@@ -7,8 +7,7 @@ import numpy as np
 
 from mjsheaf.errors import listed
 from mjsheaf.law.paths import Adrift, Recorded, Static
-from mjsheaf.media.flow_files import Medium
-from mjsheaf.media.gridded import GriddedFlow
+from mjsheaf.media.gridded import GriddedFlow, Medium
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.scenario.scenario import Scenario
 from mjsheaf.vehicles.effects import leeway_of, shortfalls_of

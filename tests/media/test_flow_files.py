@@ -18,8 +18,8 @@ from cf_xarray.criteria import coordinate_criteria
 
 import mjsheaf
 from mjsheaf.errors import InputError
-from mjsheaf.media.flow_files import Reading, propose, read_flow
-from mjsheaf.media.gridded import GriddedFlow
+from mjsheaf.media.flow_files import propose, read_flow
+from mjsheaf.media.gridded import GriddedFlow, Reading
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import load_scenario, scenario_from_mapping
 from tests.builders import pursuit
