@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from mjsheaf._version import __version__
+from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.comparing.causes import CompareRecord, PhaseRecord, levers_of, verdict_of
+from mjsheaf.comparing.figures import plot_budget, plot_convergence, plot_rungs
 from mjsheaf.comparing.margins import (
     JUDGED,
     demands_of,
@@ -34,6 +36,7 @@ from mjsheaf.comparing.variants import (
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import Phase
+from mjsheaf.page import Ghost, page_of
 from mjsheaf.progress import Report, no_progress
 from mjsheaf.results import summarize
 from mjsheaf.results.dataset import law_of
@@ -214,7 +217,9 @@ def publish(
         record = comparison.record.model_copy(update={"origin": origin})
         write_scenario(scenario, fresh)
         progress("plotting", 0, 1)
-        _plot(comparison, fresh, figures)
+        plot_rungs(comparison.record, comparison.runs, fresh / "errors", figures)
+        plot_budget(comparison.record, fresh / "budget", figures)
+        plot_convergence(comparison.record, fresh / "convergence", figures)
         progress("writing the page", 0, 1)
         (fresh / "report.html").write_bytes(_page(scenario, comparison))
         (fresh / "report.txt").write_text(report_text(record), encoding="utf-8")
@@ -251,19 +256,8 @@ def add_video(published: Published, quality: str | None = None, progress: Report
     return reason
 
 
-def _plot(comparison: Comparison, folder: Path, figures: FigureOptions) -> None:
-    from mjsheaf.comparing.figures import plot_budget, plot_convergence, plot_rungs
-
-    plot_rungs(comparison.record, comparison.runs, folder / "errors", figures)
-    plot_budget(comparison.record, folder / "budget", figures)
-    plot_convergence(comparison.record, folder / "convergence", figures)
-
-
 def _page(scenario: Scenario, comparison: Comparison) -> bytes:
     """Make the page of the run on bodies, with the ideal run as its ghost."""
-    from mjsheaf.checking.theorem.of_run import bounds_of_phases
-    from mjsheaf.page import Ghost, page_of
-
     ideal, physics = (comparison.runs[key].dataset for key in ("ideal", "all"))
     finished = physics.attrs["status"] == "finished"
     summary = {

@@ -30,7 +30,7 @@ from mjsheaf.law.in_python import View
 from mjsheaf.loop.fused import Fused, Worlds
 from mjsheaf.loop.loop import Loop
 from mjsheaf.progress import shown
-from mjsheaf.scenario import Scenario
+from mjsheaf.scenario import Scenario, load_scenario
 
 PARTS = ("measurements", "received", "attitude", "velocity", "angular_velocity", "present")
 """Parts of an observation, in order."""
@@ -187,8 +187,6 @@ def env(scenario: Scenario, **options: Any) -> TeamEnv:
 
 def make_named(name: str, **options: Any) -> TeamEnv:
     """Return `env` of a shipped scenario by name."""
-    from mjsheaf.scenario import load_scenario
-
     return env(load_scenario(name), **options)
 
 

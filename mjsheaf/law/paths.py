@@ -22,21 +22,17 @@ slopes. Position and velocity stay continuous.
 
 from collections.abc import Sequence
 from math import factorial
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 from pydantic import Field, model_validator
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.recordings import read_positions
-from mjsheaf.recordings.tables import Selection
+from mjsheaf.recordings import Selection, read_positions
 from mjsheaf.section import NonNegative, Number, Point, Positive, Tagged
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
-
 
 MAX_DEVIATION = 2.1
 """Maximum deviation from a chord, in the weighted length of the chords around it."""
@@ -58,15 +54,13 @@ class Curve(NamedTuple):
         note: Sentence on gaps, and on what differs from the spline through all samples; empty if there is nothing.
     """
 
-    path: "PPoly"
+    path: "scipy.interpolate.PPoly"
     note: str
 
 
 def fit_curve(t: Array, places: Array) -> Curve:
     """Fit the curve through positions (T, n), m, at rising times (T,), s."""
-    from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
-
-    path = CubicSpline(t, places)
+    path = scipy.interpolate.CubicSpline(t, places)
     off = _deviation(path, t, places)
     leaves = off > 0.0
     h = np.diff(t)
@@ -82,22 +76,22 @@ def fit_curve(t: Array, places: Array) -> Curve:
         least = MIN_INTERVAL * float(np.median(np.diff(t)))
         notes.append(f"{(~kept).sum()} of {len(t)} samples within {least:.3g} s of another left out")
         t, places = t[kept], places[kept]
-        path = CubicSpline(t, places)
+        path = scipy.interpolate.CubicSpline(t, places)
         leaves = _deviation(path, t, places) > 0.0
     if leaves.any():
-        smooth, monotone = path(t, 1), PchipInterpolator(t, places)(t, 1)
+        smooth, monotone = path(t, 1), scipy.interpolate.PchipInterpolator(t, places)(t, 1)
         ends = np.zeros(len(t), dtype=bool)
         while leaves.any():  # at the latest when all slopes are PCHIP's
             ends[:-1] |= leaves
             ends[1:] |= leaves
-            path = CubicHermiteSpline(t, places, np.where(ends[:, None], monotone, smooth))
+            path = scipy.interpolate.CubicHermiteSpline(t, places, np.where(ends[:, None], monotone, smooth))
             leaves = (_deviation(path, t, places) > 0.0) & ~(ends[:-1] & ends[1:])
         count = int((ends[:-1] & ends[1:]).sum())
         notes.append(f"{count} of {len(t) - 1} pieces monotone instead (PCHIP)")
     return Curve(path, "; ".join([*notes, *about_gaps]))
 
 
-def _deviation(path: "PPoly", t: Array, places: Array) -> Array:
+def _deviation(path: "scipy.interpolate.PPoly", t: Array, places: Array) -> Array:
     """Return how far each piece between samples is off its chord, m; 0 where that is allowed. Shape (T - 1,)."""
     h, step = np.diff(t), np.diff(places, axis=0)
     off = np.zeros(len(h))
@@ -252,7 +246,7 @@ class Waypoints(Tagged):
     closed: bool = Field(False, description="whether the path returns to the initial position and repeats")
     pull: NonNegative = Field(1.0, description="return to the path when flow moves the target off it [1/s]")
 
-    def spline(self, initial: Array, start: float, end: float) -> "PPoly":
+    def spline(self, initial: Array, start: float, end: float) -> "scipy.interpolate.PPoly":
         """Return the path from `initial` (n,) in m at time `start` in s, as a piecewise polynomial.
 
         `end` is not used: the path has its own duration.
@@ -260,8 +254,6 @@ class Waypoints(Tagged):
         It is the quintic spline through the points at times in proportion to the distances between them: position,
         velocity and acceleration are continuous. An open path starts and ends at rest, and holds its last point.
         """
-        from scipy.interpolate import PPoly, make_interp_spline
-
         for k, point in enumerate(self.points):
             if len(point) != len(initial):
                 raise InputError(f"waypoint {k} has {len(point)} entries; the target has dimension {len(initial)}")
@@ -271,10 +263,12 @@ class Waypoints(Tagged):
             raise InputError(f"waypoint {int(legs.argmin())} is where the target already is; leave it out")
         times = start + np.concatenate([[0.0], np.cumsum(legs)]) / self.speed
         rest = [(1, np.zeros(len(initial))), (2, np.zeros(len(initial)))]
-        spline = make_interp_spline(times, path, k=5, bc_type="periodic" if self.closed else (rest, rest))
+        spline = scipy.interpolate.make_interp_spline(
+            times, path, k=5, bc_type="periodic" if self.closed else (rest, rest)
+        )
         knots = spline.t[spline.k : -spline.k]  # without the copies at both ends
         taylor = [spline(knots[:-1], order) / factorial(order) for order in range(spline.k, -1, -1)]
-        return PPoly(np.array(taylor), knots)
+        return scipy.interpolate.PPoly(np.array(taylor), knots)
 
 
 class _Source(Tagged):
@@ -322,7 +316,7 @@ class Recorded(Selection, _Source):
             return self
         return Recorded(samples=read_positions(self.path, self), pull=self.pull)
 
-    def spline(self, initial: Array, start: float, end: float) -> "PPoly":
+    def spline(self, initial: Array, start: float, end: float) -> "scipy.interpolate.PPoly":
         """Return the path, m, over time, s, in the dimension n of the target's initial position (n,).
 
         Raises:
@@ -446,21 +440,19 @@ def reference_bounds(motion: MotionArrays, parts: int = 1) -> tuple[Array, Array
     A piece of a path is a polynomial, which lies in the convex hull of its Bernstein coefficients. If it is cut into
     `parts`, the hulls are tighter.
     """
-    from scipy.interpolate import BPoly, PPoly
-
     swing = np.abs(motion.amplitude * motion.rate)
     speed, acceleration = np.linalg.norm(swing, axis=1), np.linalg.norm(swing * motion.rate, axis=1)
     for v, (first, pieces) in enumerate(motion.path):
         if pieces:
             knots = motion.knots[first : first + pieces + 1]
-            path = PPoly(motion.coefficients[first : first + pieces].transpose(1, 0, 2), knots)
+            path = scipy.interpolate.PPoly(motion.coefficients[first : first + pieces].transpose(1, 0, 2), knots)
             for order, bound in enumerate((speed, acceleration), 1):
-                hull = BPoly.from_power_basis(_cut(path.derivative(order), parts)).c
+                hull = scipy.interpolate.BPoly.from_power_basis(_cut(path.derivative(order), parts)).c
                 bound[v] = max(bound[v], float(np.linalg.norm(hull, axis=-1).max()))
     return speed, acceleration
 
 
-def _cut(path: "PPoly", parts: int) -> "PPoly":
+def _cut(path: "scipy.interpolate.PPoly", parts: int) -> "scipy.interpolate.PPoly":
     """Return the same path with every piece cut into parts of one length."""
     if parts == 1:
         return path

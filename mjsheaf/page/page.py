@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from importlib.resources import files
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -29,6 +29,7 @@ from pydantic_core import to_json
 
 from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
+from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
 from mjsheaf.law.obstacles import HALF_SPACE
 from mjsheaf.loop.system import Phase, System
 from mjsheaf.results.metrics import MEASURES, engine_of, phases_in
@@ -52,10 +53,7 @@ from mjsheaf.show.played import (
 from mjsheaf.show.solids import kinds_of, obstacle_places, obstacle_solids, quaternion_of
 from mjsheaf.show.style import OBSTACLE, list_scales
 
-if TYPE_CHECKING:
-    from mjsheaf.checking.theorem.of_run import HeldBound, RunBound
-
-Bounds = Sequence[tuple["RunBound", "HeldBound"]]
+Bounds = Sequence[tuple[RunBound, HeldBound]]
 
 _BODIES = {None: "ideal kinematics", "mujoco": "MuJoCo bodies", "fused": "bodies moved by the fused engine"}
 

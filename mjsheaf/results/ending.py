@@ -25,18 +25,16 @@ at most half of it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+import xarray as xr
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import thinned
 from mjsheaf.vehicles.effects import authority_of, turning_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Ending = Literal["settled", "not settled", "diverging"]
 
@@ -62,7 +60,7 @@ _SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the seco
 
 
 def ending_of_motion(
-    run: System | Sequence[Phase], dataset: "xr.Dataset", stuck: Sequence["Stuck"] | None = None
+    run: System | Sequence[Phase], dataset: xr.Dataset, stuck: Sequence["Stuck"] | None = None
 ) -> Ending | None:
     """Judge the end of a finished run, or of its last phase if it has events; None below 8 samples.
 
@@ -277,7 +275,7 @@ class _Blocks:
     still: BoolArray
 
 
-def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
+def find_stuck(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Stuck]:
     """Find the agents of a run on bodies that are stuck, the longest first."""
     time = dataset["time"].values
     if dataset.attrs["backend"] != "physics" or len(time) < 2 or time[-1] - time[0] < MIN_DURATION:
@@ -297,13 +295,13 @@ def find_stuck(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
     return sorted((stuck for stuck in found if stuck), key=lambda stuck: (-stuck.duration, stuck.agent))
 
 
-def find_stuck_at_end(phases: Sequence[Phase], dataset: "xr.Dataset") -> list[Stuck]:
+def find_stuck_at_end(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Stuck]:
     """Find the agents of a run on bodies that are stuck at its end, away from their places."""
     end = float(dataset["time"].values[-1])
     return [stuck for stuck in find_stuck(phases, dataset) if stuck.end >= end and stuck.error > ROUNDING]
 
 
-def _average(dataset: "xr.Dataset") -> _Blocks:
+def _average(dataset: xr.Dataset) -> _Blocks:
     """Average a run over blocks of time; a long run is thinned."""
     names = ["velocity_command", "agent_velocity", "agent_flow", "agent_saturation", "tracking_error"]
     data = thinned(dataset[["agent_position", *names]])

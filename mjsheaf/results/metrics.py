@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,14 +13,11 @@ from scipy.spatial import cKDTree
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.law.obstacles import distances
 from mjsheaf.law.safety import SafetyArrays
+from mjsheaf.scenario.scenario import Expect
 from mjsheaf.section import PER_AGENT_RMS, finite
 from mjsheaf.team import Formation, Team
 from mjsheaf.team.links import KINDS
 from mjsheaf.team.team import Path
-
-if TYPE_CHECKING:
-    from mjsheaf.scenario.scenario import Expect
-
 
 _CLOSE = 6  # neighbours among which the nearest one is looked for
 _FEW = 100  # maximum number of vehicles for which all pairs are compared
@@ -357,7 +354,7 @@ def engine_of(dataset: xr.Dataset) -> str | None:
 
 
 def check_expectation(
-    expect: "Expect",
+    expect: Expect,
     backend: str,
     status: str,
     final: dict[str, Any],

@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Protocol
+from typing import IO, Any, Protocol
 
 import h5netcdf
 import numpy as np
@@ -28,9 +28,7 @@ from mjsheaf.arrays import IntArray
 from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.files import SUFFIXES, digest, figure_files, is_part_of, whole_directory, write_whole
 from mjsheaf.results.dataset import fault_of, join
-
-if TYPE_CHECKING:
-    from mjsheaf.scenario import Scenario
+from mjsheaf.scenario import Scenario, load_scenario
 
 
 class Sink(Protocol):
@@ -472,14 +470,12 @@ def open_run(directory: Path) -> Iterator[tuple[xr.Dataset, dict[str, Any]]]:
 
 
 @contextmanager
-def reopen_run(directory: Path) -> Iterator[tuple["Scenario", xr.Dataset, dict[str, Any]]]:
+def reopen_run(directory: Path) -> Iterator[tuple[Scenario, xr.Dataset, dict[str, Any]]]:
     """Open the scenario, data and summary.json of a finished run, and check that the data match the scenario.
 
     Raises:
         InputError: The directory holds no run, or one that does not match its scenario.
     """
-    from mjsheaf.scenario import load_scenario
-
     with open_run(directory) as (dataset, summary):
         scenario = load_scenario(directory / "scenario.yaml")
         fault = fault_of(dataset)

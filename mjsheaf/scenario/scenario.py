@@ -5,8 +5,8 @@ expected, and builds its part of the system.
 
 A swarm is a team generated from a number and a seed. Places are those of a sunflower (Vogel, Math. Biosci. 44, 1979):
 any number of them fills a disc evenly. The scenario that comes out has every agent and edge in it; nothing else knows
-that they were generated. networkx and scipy are imported by the graphs that need them, so that commands which make none
-come at once.
+that they were generated. networkx is imported by the graphs that need it, so that commands which make none come at
+once.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError, model_validator
 
 from mjsheaf.arguments import require_seed
@@ -162,11 +163,9 @@ def _nearest(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
 
     Agents further in come before in number; of two as near, the first.
     """
-    from scipy.spatial import cKDTree
-
     wanted = np.minimum(np.arange(len(places)), max(1, swarm.degree // 2))
     reach = swarm.spacing * np.sqrt(swarm.degree)
-    tree = cKDTree(places)
+    tree = scipy.spatial.cKDTree(places)
     pairs = np.zeros((0, 2), dtype=np.int64)  # the one further in comes first
     while (np.bincount(pairs[:, 1], minlength=len(places)) < wanted).any():
         pairs = tree.query_pairs(reach, output_type="ndarray")
@@ -184,11 +183,9 @@ def _ring(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
 
 def _random_geometric(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
     """Agents within a distance of one another, after each has been moved at random by up to its spacing."""
-    from scipy.spatial import cKDTree
-
     moved = places + rng.uniform(-swarm.spacing, swarm.spacing, places.shape)
     reach = swarm.spacing * np.sqrt((swarm.degree + 1) / np.pi)  # radius of a disc that holds degree + 1 places
-    return _connected(_ordered(cKDTree(moved).query_pairs(reach)), places)
+    return _connected(_ordered(scipy.spatial.cKDTree(moved).query_pairs(reach)), places)
 
 
 def _small_world(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
@@ -237,7 +234,6 @@ def _ordered(pairs: Any) -> Edges:
 def _connected(edges: Edges, places: Array) -> Edges:
     """With links between the nearest agents of different parts, until there is one part (Assumption 5)."""
     import networkx
-    from scipy.spatial import cKDTree
 
     graph = networkx.Graph()
     graph.add_nodes_from(range(len(places)))
@@ -245,7 +241,7 @@ def _connected(edges: Edges, places: Array) -> Edges:
     parts = sorted((sorted(part) for part in networkx.connected_components(graph)), key=len, reverse=True)
     joined = parts[0]
     for part in parts[1:]:
-        distance, nearest = cKDTree(places[joined]).query(places[part])
+        distance, nearest = scipy.spatial.cKDTree(places[joined]).query(places[part])
         k = int(np.argmin(distance))
         edges = edges | _ordered([(joined[int(nearest[k])], part[k])])
         joined = joined + part

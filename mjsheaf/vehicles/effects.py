@@ -21,6 +21,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 from pydantic import Field
 
 from mjsheaf.arrays import Array
@@ -134,7 +135,6 @@ def largest_wind(
         The largest wind, m/s; infinite if it is beyond the strongest, or not known, as of boats with one-sided
         thrusters.
     """
-    from scipy.optimize import bisect
 
     def room(speed: float) -> float:
         air = speed * wind / max(float(np.linalg.norm(wind)), 1e-9)
@@ -150,7 +150,7 @@ def largest_wind(
 
     if is_one_sided(vehicle) or room(strongest) > 0.0:
         return float("inf")
-    return float(bisect(room, 0.0, strongest, xtol=0.01)) if room(0.0) > 0.0 else 0.0
+    return float(scipy.optimize.bisect(room, 0.0, strongest, xtol=0.01)) if room(0.0) > 0.0 else 0.0
 
 
 def leeway_of(vehicle: Vehicle, wind: Array) -> Array:

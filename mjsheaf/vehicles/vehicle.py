@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+import scipy  # loads its parts when they are first used
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
@@ -130,22 +131,18 @@ class Body:
     @property
     def half_planes(self) -> tuple[Array, Array]:
         """A (r, s) and b (r,) of A u <= b, which efforts u satisfy in addition to their bounds."""
-        from scipy.linalg import block_diag
-
         if not self.actuators:
             return np.zeros((0, 0)), np.zeros(0)
         A, b = zip(*(actuator.half_planes for actuator in self.actuators), strict=True)
-        return block_diag(*A), np.concatenate(b)
+        return scipy.linalg.block_diag(*A), np.concatenate(b)
 
     def solve_for_efforts(self, A: Array, b: Array, cost: Array) -> float:
         """Return the s >= 0 of the minimum-cost solution of A [u; s] = b with efforts u within limits.
 
         It is infinite if s is unbounded, and 0 if there is no solution.
         """
-        from scipy.optimize import linprog
-
         planes, heights = self.half_planes
-        answer = linprog(
+        answer = scipy.optimize.linprog(
             cost,
             A_ub=np.column_stack([planes, np.zeros(len(heights))]) if len(heights) else None,
             b_ub=heights if len(heights) else None,

@@ -16,11 +16,11 @@ import yaml
 from matplotlib.figure import Figure
 
 from mjsheaf.comparing import CompareRecord, compare
+from mjsheaf.comparing.figures import plot_budget, plot_convergence, plot_rungs
 from mjsheaf.comparing.page import MAX_LINES, SCREEN_WIDTH, WIDTH, report_text, summary
 from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
-from mjsheaf.show.style import AS_USUAL
 from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames, VideoOptions, both_films, half_options
 from mjsheaf.video.overlay import Overlay
@@ -209,10 +209,10 @@ def test_both_curves_of_the_video_have_one_axis() -> None:
 @pytest.mark.parametrize("name", ["quads", "otters", "harbour"])
 def test_plots_are_legible(name: str, drawn: list[Figure]) -> None:
     """Also where nine lines end in nearly one point, and with a panel for each group."""
-    from mjsheaf.comparing.compare import _plot
-
     comparison = compare(load_scenario(name, {"time.end": 4.0}))
-    _plot(comparison, Path("."), AS_USUAL)
+    plot_rungs(comparison.record, comparison.runs, Path("errors"))
+    plot_budget(comparison.record, Path("budget"))
+    plot_convergence(comparison.record, Path("convergence"))
     assert len(drawn) == 3
     assert all(map(is_legible, drawn))
     lines = [line for line in drawn[0].axes[0].lines if np.size(line.get_xdata()) > 10]
