@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from mjsheaf.runs.expecting import Trial
     from mjsheaf.scenario import Scenario
 
 _SUFFIXES = (".yaml", ".yml")
@@ -135,9 +134,12 @@ class Expectation(pytest.Item):
         self._backends, self._fault = backends, fault
 
     def runtest(self) -> None:
-        """Run the scenario on each backend; properties of the report take what was found."""
+        """Run the scenario on each backend; properties of the report take what was found.
+
+        It fails where a trial misses a bound or, with `mjsheaf_tight`, meets one that is wider than that many times.
+        """
         from mjsheaf.errors import MjsheafError, in_field
-        from mjsheaf.runs.expecting import expected_law, try_scenario
+        from mjsheaf.runs.expecting import describe, expected_law, loose, missed, try_scenario
 
         if self.name == "expect" and not self.parent.named:
             pytest.skip(self._fault[0])
@@ -153,7 +155,15 @@ class Expectation(pytest.Item):
                 warnings.simplefilter("ignore")  # a run says what matters of them
                 trial = try_scenario(scenario, backend, law=law)
             self.user_properties += [(name, value) for name, value in trial.final.items() if value is not None]
-            _require_met(trial, place, self.config.getini("mjsheaf_tight"))
+            table = describe(trial, place, place).splitlines()
+            if not trial.met:
+                raise MjsheafError(", ".join(missed(trial.checks)), *table)
+            tight = self.config.getini("mjsheaf_tight")
+            slack = loose(trial, float(tight)) if tight else []
+            if slack:
+                names = ", ".join(check["measure"] for check in slack)
+                update = f"  tighten them: mjsheaf expect {place} --update"
+                raise MjsheafError(f"loose bounds, of more than {tight} times what is found: {names}", *table, update)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
         """Return the location of the item: pytest writes scenarios/paper.yaml::physics."""
@@ -165,18 +175,3 @@ class Expectation(pytest.Item):
 
         ours = isinstance(excinfo.value, MjsheafError)
         return str(excinfo.value) if ours else super().repr_failure(excinfo, style)
-
-
-def _require_met(trial: "Trial", place: str, tight: str) -> None:
-    """Fail where a trial misses a bound or, unless `tight` is empty, meets one that is wider than that many times."""
-    from mjsheaf.errors import MjsheafError
-    from mjsheaf.runs.expecting import describe, loose, missed
-
-    table = describe(trial, place, place).splitlines()
-    if not trial.met:
-        raise MjsheafError(", ".join(missed(trial.checks)), *table)
-    slack = loose(trial, float(tight)) if tight else []
-    if slack:
-        names = ", ".join(check["measure"] for check in slack)
-        update = f"  tighten them: mjsheaf expect {place} --update"
-        raise MjsheafError(f"loose bounds, of more than {tight} times what is found: {names}", *table, update)
