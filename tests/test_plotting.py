@@ -98,9 +98,8 @@ def test_names_beside_points_are_never_over_another(places: Array) -> None:
     figure, axis = panel()
     axis.plot(*places.T, "o")
     settle(figure)
-    placed = place_names(axis, [f"agent{k}" for k in range(30)], places)
-    assert 1 <= placed <= 30
-    assert placed == sum(text.text.startswith("agent") for text in written(figure))
+    place_names(axis, [f"agent{k}" for k in range(30)], places)
+    assert 1 <= sum(text.text.startswith("agent") for text in written(figure)) <= 30
     assert is_legible(figure)
 
 

@@ -221,22 +221,22 @@ MEASURES = ("mean_disagreement", "tracking_error", "formation_error", "centering
 
 
 def error_series(
-    team: Team, positions: Array, disagreement: Array | None = None, time: Array | None = None
+    team: Team, positions: Array, time: Array | None = None
 ) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
     """Compute the errors over time of the team and of each group, by measure, shape (T,), m; NaN if undefined.
+
+    `mean_disagreement` is not among them.
 
     Args:
         team: Team whose errors are computed.
         positions: Positions of the vehicles, shape (T, V, 3), m.
-        disagreement: Disagreement |eta_i|, shape (T, N), m; None leaves out `mean_disagreement`.
         time: Times of the samples, shape (T,), s; they matter while formations change.
     """
     errors = evaluate_errors(team, positions, time=time)
 
     def measures(members: list[int] | slice, formation: Array, centering: Array) -> dict[str, Array]:
-        eta = {} if disagreement is None else {"mean_disagreement": mean_known(disagreement[:, members])}
         tracking = np.sqrt(mean_known(errors.tracking[:, members] ** 2))
-        return {**eta, "tracking_error": tracking, "formation_error": formation, "centering_error": centering}
+        return {"tracking_error": tracking, "formation_error": formation, "centering_error": centering}
 
     groups = {
         f.name: measures([team.index[m] for m in f.members], errors.formation_rms(f.name), errors.centering[f.name])

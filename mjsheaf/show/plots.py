@@ -225,9 +225,7 @@ def draw_team(axis: Any, team: Team, place: Array) -> NDArray[np.int64]:
     return np.flatnonzero(shown)
 
 
-def place_names(
-    axis: Any, names: Sequence[str], places: Array, obstacles: Array | None = None, colour: str = "black"
-) -> int:
+def place_names(axis: Any, names: Sequence[str], places: Array, obstacles: Array | None = None) -> None:
     """Write names next to points of a panel without overlap; call it after `settle`.
 
     Each name takes the first place about its point, near ones first, that is free of other text and covers the fewest
@@ -238,10 +236,6 @@ def place_names(
         names: those of more importance first.
         places: Coordinates of their points, shape (K, 2), in data coordinates; NaN where there is none.
         obstacles: further points that names should not cover, shape (M, 2).
-        colour: Colour of the names.
-
-    Returns:
-        How many were placed.
     """
     pixel = axis.figure.dpi / 72.0
     renderer = axis.figure.canvas.get_renderer()
@@ -252,7 +246,6 @@ def place_names(
     taken = np.array([item.get_window_extent(renderer).extents for item in written]).reshape(-1, 4)
     low = axis.bbox.extents[:2]
     high = axis.bbox.extents[2:]
-    placed = 0
     for name, place, point in zip(names, places, points, strict=True):
         if not (point >= low).all() or not (point <= high).all():  # outside, or not finite
             continue
@@ -266,14 +259,12 @@ def place_names(
         hidden = ((avoid[:, None] > frames[:, :2]) & (avoid[:, None] < frames[:, 2:])).all(axis=2).sum(axis=0)
         k = int(np.where(free, hidden, len(avoid) + 1).argmin())
         taken = np.vstack([taken, frames[k]])
-        joined = {"arrowstyle": "-", "color": colour, "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 1.5}
+        joined = {"arrowstyle": "-", "color": "black", "linewidth": 0.4, "shrinkA": 0.0, "shrinkB": 1.5}
         text = axis.annotate(
             name, place, (centres[k] - point) / pixel, textcoords="offset points", ha="center", va="center",
-            fontsize=SMALL, color=colour, zorder=6, arrowprops=joined if k >= 8 else None,
+            fontsize=SMALL, color="black", zorder=6, arrowprops=joined if k >= 8 else None,
         )  # fmt: skip
         text.set_in_layout(False)
-        placed += 1
-    return placed
 
 
 # Places for names: eight directions, and the gap from the point in each, pt, the nearest eight places first.

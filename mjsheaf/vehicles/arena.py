@@ -55,8 +55,6 @@ def attachable(vehicle: Vehicle) -> mujoco.MjSpec:
     return spec
 
 
-SURFACES = ("water", "ground", "none")
-
 PREFIX = "obstacle/"
 """Beginning of the names of these bodies and geoms; the id of the obstacle follows."""
 
@@ -110,7 +108,7 @@ def compose(
         ids: Unique names of the vehicles.
         timestep: Physics step, s.
         contacts: True if vehicles collide with one another.
-        surface: Surface of the scene, one of SURFACES.
+        surface: Surface of the scene: water, ground or none.
         surface_height: Height z of the surface, m.
         colours: RGB of each vehicle's livery, shape (V, 3), or None.
         visible: False omits purely visual geoms, which have no mass and no contacts. The physics is the same bit for
