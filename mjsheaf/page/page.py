@@ -50,7 +50,7 @@ from mjsheaf.show.played import (
     positions_in,
     residuals_in,
 )
-from mjsheaf.show.solids import kinds_of, obstacle_places, obstacle_solids, quaternion_of
+from mjsheaf.show.solids import obstacle_places, obstacle_solids, quaternion_of, shapes_of
 from mjsheaf.show.style import OBSTACLE, list_scales
 
 Bounds = Sequence[tuple[RunBound, HeldBound]]
@@ -480,7 +480,7 @@ def _scene(
 ) -> dict[str, Any]:
     """Names, groups, shapes, flow and events; places are relative to the replay's origin."""
     system, bodies, N = phases[0].system, has_bodies(dataset), content.agents
-    kinds, kind = kinds_of(system.vehicles)
+    kinds, kind = shapes_of(system.vehicles)
     agents = system.vehicles[:N] if bodies else []
     able = np.array([vehicle.capability.least_speed for vehicle in agents])
     limits = [np.where(phase.system.team.present, phase.system.law.limit[:N], np.nan).tolist() for phase in phases]

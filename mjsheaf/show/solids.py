@@ -14,7 +14,7 @@ from mjsheaf.law.obstacles import BOX, CAPSULE, HALF_SPACE, SPHERE, ObstacleArra
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.loading import SEEN_GROUPS
-from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.vehicles.vehicle import Vehicle, kinds_of
 
 _SHAPES = {
     mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
@@ -27,15 +27,14 @@ _OBSTACLES = {SPHERE: "sphere", CAPSULE: "capsule", BOX: "box", HALF_SPACE: "box
 _FAR = 1e4  # size at which a half-space is drawn in an outline, m
 
 
-def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[dict[str, Any]], list[int]]:
+def shapes_of(vehicles: Sequence[Vehicle]) -> tuple[list[dict[str, Any]], list[int]]:
     """The shape of each kind of vehicle, and the number of each vehicle's kind.
 
     A kind has its `name`, its `radius` about the body's origin, m, how far `ahead` of that the controlled point is, m,
     and `solids`: `shape`, MuJoCo's `size` in m, `position` and `quaternion` in the body frame, `colour` RGB in 0..1,
     `opacity`, and whether it is `livery`, painted in the colour of the vehicle's group.
     """
-    kinds = list({id(vehicle): vehicle for vehicle in vehicles}.values())
-    number = {id(vehicle): k for k, vehicle in enumerate(kinds)}
+    kinds, number = kinds_of(vehicles)
     arena = compose(kinds, [f"kind{k}" for k in range(len(kinds))])
     model, data = arena.model, mujoco.MjData(arena.model)
     mujoco.mj_kinematics(model, data)
@@ -55,7 +54,7 @@ def kinds_of(vehicles: Sequence[Vehicle]) -> tuple[list[dict[str, Any]], list[in
                 "solids": solids,
             }
         )
-    return found, [number[id(vehicle)] for vehicle in vehicles]
+    return found, number.tolist()
 
 
 def _solid(model: mujoco.MjModel, data: mujoco.MjData, g: int, place: Array, turn: Array) -> dict[str, Any] | None:
@@ -131,7 +130,7 @@ def parts_of(vehicles: Sequence[Vehicle], colours: Array, *, at_hand: bool) -> t
         colours: Colour of each vehicle's livery, RGB, shape (V, 3).
         at_hand: True if the frame's origin is the controlled point, False if it is the body's.
     """
-    kinds, number = kinds_of(vehicles)
+    kinds, number = shapes_of(vehicles)
     found = []
     for k, colour in zip(number, colours, strict=True):
         shift = np.array([-kinds[k]["ahead"] if at_hand else 0.0, 0.0, 0.0])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mjsheaf.show.solids import kinds_of
+from mjsheaf.show.solids import shapes_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
 
@@ -18,7 +18,7 @@ from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 @pytest.mark.parametrize("name", list_vehicles())
 def test_solids_are_where_the_model_has_them(name: str) -> None:
     vehicle = load_vehicle(name)
-    (kind, other), number = kinds_of([vehicle, vehicle, load_vehicle("hull" if name != "hull" else "wamv")])[0:2]
+    (kind, other), number = shapes_of([vehicle, vehicle, load_vehicle("hull" if name != "hull" else "wamv")])[0:2]
     assert number == [0, 0, 1]
     assert other["name"] != kind["name"] == name
     model = mujoco.MjModel.from_xml_path(str(vehicle.path))
@@ -46,7 +46,7 @@ def test_a_mesh_has_the_vertices_of_its_file(tmp_path: Path) -> None:
     geom = '<geom class="visual" type="mesh" mesh="hold" pos="0.3 0 0.1" euler="0 0 0.5" material="livery"/>'
     text = text.replace('<geom name="collision"', f'{geom}<geom name="collision"', 1)
     (tmp_path / "hull.xml").write_text(text)
-    (shape,), _ = kinds_of([load_vehicle(str(tmp_path / "hull.yaml"))])
+    (shape,), _ = shapes_of([load_vehicle(str(tmp_path / "hull.yaml"))])
     (solid,) = [solid for solid in shape["solids"] if solid["shape"] == "mesh"]
     parts = (("vertices", "<f4"), ("faces", "<u4"))
     kept, faces = (np.frombuffer(base64.b64decode(solid[name]), kind) for name, kind in parts)
