@@ -58,7 +58,7 @@ class Gusts(Moving):
         "from_position",
         description="altitude, 3.048 to 304.8, or from_position: each vehicle's initial height above the surface [m]",
     )
-    standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = Field(
+    standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = Field(  # at low altitude the gusts of both are the same
         "MIL-F-8785C", description="source of scale lengths and filters"
     )
     frozen: bool = Field(
@@ -80,14 +80,11 @@ class Gusts(Moving):
         """Return the altitude of a vehicle that begins at a height above the surface, m."""
         return float(np.clip(height, LOWEST, HIGHEST)) if isinstance(self.altitude, str) else self.altitude
 
-    def scales(self, altitude: float) -> tuple[Array, Array]:
-        """Return the standard deviations (3,), m/s, and scale lengths (3,), m, of u, v and w at an altitude, m."""
+    def intensities(self, altitude: float) -> Array:
+        """Return the standard deviations of u, v and w at an altitude in m, shape (3,), m/s."""
         vertical = 0.1 * self.wind_speed
         horizontal = vertical / _shape(altitude) ** 0.4
-        lengths = self.decay_lengths(altitude)
-        if self.standard == "MIL-HDBK-1797":
-            lengths = lengths * np.array([1.0, 0.5, 0.5])
-        return np.array([horizontal, horizontal, vertical]), lengths
+        return np.array([horizontal, horizontal, vertical])
 
     def decay_lengths(self, altitude: float) -> Array:
         """Return V / a of u, v and w at an altitude in m, the same of both standards, shape (3,), m."""
@@ -289,7 +286,7 @@ def pack_gusts(gusts: Gusts, met: Exposure) -> GustArrays:
     for v in vehicles:
         altitude = gusts.altitude_of(met.positions[v, 2] - met.level)
         direction, speed = gusts.wind(met.wind[v])
-        sigma = gusts.scales(altitude)[0]
+        sigma = gusts.intensities(altitude)
         filters.append(_filter(speed / gusts.decay_lengths(altitude), sigma, direction, met.period))
     streams = np.array([stream_of("gusts", met.ids[v]) for v in vehicles], dtype=np.int64)
     together = Filter(*map(np.concatenate, zip(*filters, strict=True)))
@@ -392,7 +389,7 @@ def pack_frozen(
     own = met.met
     altitude = float(np.mean([gusts.altitude_of(z - met.level) for z in met.positions[own, 2]]))
     direction, speed = gusts.wind(met.wind[own].mean(axis=0))
-    sigma = gusts.scales(altitude)[0]
+    sigma = gusts.intensities(altitude)
     lengths = gusts.decay_lengths(altitude)
     spacing = float(lengths.min()) / fine
     along = met.positions[own, :2] @ direction

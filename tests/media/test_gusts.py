@@ -72,7 +72,7 @@ def test_intensities_and_lengths_are_those_of_the_standards() -> None:
     for knots, sigma in ((15.0, 0.771667), (30.0, 1.543333), (45.0, 2.315)):
         gusts = Gusts(kind="dryden", wind_speed=knots * 1852.0 / 3600.0)
         for altitude, length, ratio in ((10.0, 67.366, 1.88863), (50.0, 202.2896, 1.593436)):
-            sizes, lengths = gusts.scales(altitude)
+            sizes, lengths = gusts.intensities(altitude), gusts.decay_lengths(altitude)
             assert sizes[2] == pytest.approx(sigma, abs=1e-6)
             assert sizes[:2] / sizes[2] == pytest.approx(ratio, abs=1e-5)
             assert lengths == pytest.approx([length, length, altitude], abs=1e-3)
@@ -96,7 +96,6 @@ def test_autocorrelations_are_the_transforms_of_the_printed_spectra(standard: st
     length = 0.3048 * feet / (0.177 + 0.000823 * feet) ** 1.2
     lengths = [length, length, altitude] if standard == "MIL-F-8785C" else [length, 0.5 * length, 0.5 * altitude]
     model = Gusts.model_validate({**FIXED, "standard": standard})
-    assert model.scales(altitude)[1] == pytest.approx(lengths, rel=1e-12)
     rates = speed / model.decay_lengths(altitude)
     for k in range(3):
         lags = np.exp(-rates[0] * period * np.arange(21)) if k == 0 else covariance(rates[k], period, 20)
@@ -125,7 +124,7 @@ def test_long_runs_have_the_variance_and_the_correlations_of_theory(period: floa
     velocity = mjsheaf.medium(scenario).velocity(name, times, [0.0, 0.0, 5.0]) - DRIFT
     parts = velocity @ FRAME.T
     model = Gusts.model_validate({**FIXED, **gusts})
-    sigma, lengths = model.scales(3.048)[0], model.decay_lengths(3.048)
+    sigma, lengths = model.intensities(3.048), model.decay_lengths(3.048)
     for k, length in enumerate(lengths):
         for lag in (0.0, 0.5 * length / 5.0, 2.0 * length / 5.0):
             steps = round(lag / period)
@@ -143,7 +142,7 @@ def test_gusts_are_stationary_from_the_first_sample() -> None:
     air = {"dimension": 3, "drift": DRIFT, "gusts": FIXED}
     system = make_scenario(team_of(agents, {"T": [0, 0, 9]}, "A0 T", flow={"air": air})).system
     first = moving_along(system.medium, np.zeros(1), system.initial[None])[0, :300] - DRIFT
-    sigma = Gusts.model_validate(FIXED).scales(10.0)[0]
+    sigma = Gusts.model_validate(FIXED).intensities(10.0)
     assert np.std(first @ FRAME.T, axis=0) == pytest.approx(sigma, rel=5.0 / np.sqrt(600.0))
 
 
@@ -167,7 +166,7 @@ def test_vehicles_meet_independent_gusts_that_no_other_vehicle_changes() -> None
 @pytest.mark.parametrize("standard", ["MIL-F-8785C", "MIL-HDBK-1797"])
 def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: str) -> None:
     model = Gusts.model_validate({**FIXED, "standard": standard, "altitude": 3.048})
-    sigma, lengths = model.scales(3.048)[0], model.decay_lengths(3.048)
+    sigma, lengths = model.intensities(3.048), model.decay_lengths(3.048)
     period, count = 0.5, 12_000
     gusts = {"standard": standard, "altitude": 3.048, "frozen": True}
     scenario = gusty(gusts, time={"end": 0.5}, controller={"gain": 1.0, "control_period": period})
