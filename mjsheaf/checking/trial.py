@@ -61,6 +61,10 @@ _JUDGED = (
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
 _FAR_BY = 1.0  # m: errors and motions that count
+_BEHIND_BY = 0.5  # m, as in `record._of_slow`: a boat that rests as near to its place counts as being there
+# Mean error of the last quarter over that of the third, below which an agent approaches its place: at that pace, the
+# error is less than half of it after another run.
+_APPROACHING = 0.5**0.25
 
 
 class TrialProblem(Record):
@@ -117,7 +121,7 @@ def try_mission(
     finished = data.attrs["status"] == "finished"
     late = late_errors(phases[0].system.team, data)["tracking_error"]
     stuck = find_stuck_at_end(phases, data) if finished else []
-    problems = list(_problems(scenario, phases, run, [one for one in stuck if one.error > _FAR_BY]))
+    problems = list(_problems(scenario, phases, run, [one for one in stuck if one.error > _BEHIND_BY]))
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
     return TrialRecord(
@@ -316,8 +320,7 @@ def _diverging(
         steady: Growth of one quarter over that of the last; growth that slows down by more is a transient.
         small: Errors that grow by less do not count, m.
     """
-    errors = last["tracking_error"].values
-    time = last["time"].values
+    errors, time = last["tracking_error"].values, last["time"].values
     q_star = np.nan_to_num(last["harmonic_extension"].values)
     if len(errors) < _MIN_SAMPLES or time[-1] - time[0] < MIN_DURATION:
         return
@@ -352,7 +355,6 @@ def _without_headway(
     least: float = 0.1,
     headway: float = 0.15,
     share: float = 0.65,
-    approaching: float = 0.9,
 ) -> Iterator[TrialProblem]:
     """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
@@ -364,14 +366,13 @@ def _without_headway(
         least: Commanded speed below which an agent counts as commanded to stay, m/s.
         headway: Least fraction of the commanded speed that an agent must reach in its direction.
         share: Least fraction of its commanded velocity that an agent must reach.
-        approaching: Mean error of the last quarter over that of the third, below which an agent approaches.
     """
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
     third, fourth = (part.mean(axis=0) for part in np.array_split(last["tracking_error"].values, 4)[2:])
     size, along = _by_second(last.isel(time=slice(-(last.sizes["time"] // 4), None)))
     commanded, towards = size.mean(axis=0), along.mean(axis=0)
-    idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & (fourth > approaching * third)
+    idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & (fourth > _APPROACHING * third)
     part = (along * size).sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
     short = (part < share) & (fourth > 3.0 * _FAR_BY) & (fourth > third)
     failed = (commanded > least) & (idle | short)
@@ -430,7 +431,6 @@ def _far_off(
     foreseen: float | None,
     *,
     far: float = 3.0,
-    approaching: float = 0.9,
     at_rest: float = 1e-3,
 ) -> Iterator[TrialProblem]:
     """Yield the problem of an error far above the predicted one, or of a law that comes to rest far from q*.
@@ -445,13 +445,12 @@ def _far_off(
         error: Its tracking error, m.
         foreseen: Predicted error, m; None if it is not known.
         far: Ratio of the error to the predicted one, above which it is a problem.
-        approaching: Mean error of the last quarter over that of the third, below which it decays.
         at_rest: Mean disagreement over mean tracking error, below which a law is at rest.
     """
     (system, last), end = of_phase(phases, data, -1), float(data["time"][-1])
     errors, n = last["tracking_error"].values, max(1, last.sizes["time"] // 4)
     first, third, fourth = (part.mean(axis=0) for part in (errors[:n], errors[-2 * n : -n], errors[-n:]))
-    stays = (fourth > approaching * third) | (fourth > first)
+    stays = (fourth > _APPROACHING * third) | (fourth > first)
     left = float(np.sqrt(np.mean(np.square(stays * errors[len(errors) // 2 :]))))
     if foreseen is not None and left > far * foreseen + _FAR_BY:
         limited = stays * _limited(system, last)
