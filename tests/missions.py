@@ -401,6 +401,7 @@ class _Motion:
         limited: Fraction of the time at the velocity limit.
         saturated: Fraction of thrusters at a limit.
         corrected: Mean speed that the safety filter changed, m/s.
+        of_place: Mean speed of its place in q*, m/s.
     """
 
     error: float
@@ -410,6 +411,7 @@ class _Motion:
     limited: float
     saturated: float
     corrected: float
+    of_place: float
 
     @property
     def incapable(self) -> str:
@@ -429,7 +431,7 @@ def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
     After the last event, for agents that are present to the end, in this order: the run blew up; an agent turned over,
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
     filter, diverges, stays far off at its limits, or swings where neither q* nor the medium does. An error that the law
-    itself leaves, as it lags behind a moving target, is no failure: there the vehicle does what it is commanded.
+    itself leaves, as it lags behind a moving target, is no failure unless it grows for ever.
     """
     if isinstance(run, Exception):
         return f"refused: {run}"
@@ -484,7 +486,9 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     begin = max(begin, float(time[0]))
     cuts = begin + (time[-1] - begin) * np.array([0.5, 0.75, 1.0])
     third, last = (_motion(mission, run, i, cuts[k], cuts[k + 1]) for k in (0, 1))
-    if last.error < APPROACHING * third.error:
+    # One that was driven away, and comes back, is not on its first way to its place.
+    first = _motion(mission, run, i, begin, 0.5 * (begin + cuts[0]))
+    if last.error < APPROACHING * third.error and last.error < first.error:
         return None
     tail = f"{third.error:.1f} then {last.error:.1f} m off in the last quarters"
     if last.error > MIN_STUCK_ERROR and last.commanded > 0.1 and last.made < 0.15 * last.commanded:
@@ -493,6 +497,8 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
     if last.error > max(MIN_ERROR, third.error) and last.incapable:
         return f"{'diverges' if _grows(run, i, cuts[0]) else 'stays far off'}: {last.incapable}, {tail}"
+    if last.error > MIN_ERROR and last.of_place < 1.1 * third.of_place and _grows(run, i, cuts[0]):
+        return f"diverges, and its place moves no faster: {tail}"
     before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (0, 1))
     if after > MIN_STUCK_ERROR and after > APPROACHING * before:
         return f"swings by {after:.1f} m RMS about a mean that neither q* nor the medium drives"
@@ -506,6 +512,7 @@ def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> 
     command = np.nan_to_num(part["velocity_command"].values)
     ground = np.gradient(np.nan_to_num(part["agent_position"].values), time, axis=0)
     through = ground - np.nan_to_num(part["agent_flow"].values)
+    places = np.gradient(np.nan_to_num(part["harmonic_extension"].values), time, axis=0)
     blocks = np.array_split(np.arange(len(time)), max(1, round((time[-1] - time[0]) / _BLOCK)))
     wanted = np.array([command[block].mean(axis=0) for block in blocks])
     made = np.array([through[block].mean(axis=0) for block in blocks])
@@ -520,6 +527,7 @@ def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> 
         limited=float((np.linalg.norm(command, axis=1) > 0.999 * limit).mean()),
         saturated=float(part["agent_saturation"].values.mean()),
         corrected=float(corrected),
+        of_place=float(np.linalg.norm(places, axis=1).mean()),
     )
 
 

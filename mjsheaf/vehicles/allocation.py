@@ -8,12 +8,15 @@ of efforts on the rows surge, sway and yaw, the efforts are those in U that
     2. given that, produce the force nearest to the desired one,
     3. given both, are the smallest,
 
-The priority of 1 over 2 holds up to a fraction of about 1e-4. If w is feasible, the efforts produce it. The dual
-problem yields them: u = P(W' y), the point of U nearest to W' y, with W u + E (y - y0) = w. E holds small weights, the
-smallest for yaw. y0 is the y of the previous round, out of up to 20 rounds (method of multipliers, Rockafellar, Math.
-Oper. Res. 1976). Most feasible w need two or three rounds, those near the boundary of W U more, and those beyond it
-all 20. y has three components whatever the number of thrusters, and is found by semismooth Newton steps. No memory is
-allocated.
+The priority of 1 over 2 holds up to a fraction of about 1e-3. If w is feasible, the efforts produce it up to 1e-8 of
+what the thrusters make at most. If not, they produce the nearest wrench up to 1e-8, or 1e-4 with thrusters that turn.
+
+The dual problem yields them: u = P(W' y), the point of U nearest to W' y, where y minimises a convex function with the
+gradient W P(W' y) - w. y has three components whatever the number of thrusters. Each round minimises that function plus
+(y - y0)' E (y - y0) / 2 by semismooth Newton steps, where y0 is the y of the previous round and E holds small weights,
+the smallest for yaw (method of multipliers, Rockafellar, Math. Oper. Res. 1976). If most thrusters are at a limit, the
+minimum is far away and the function almost flat. Therefore the weights fall from round to round, and the rounds gain
+ever more: most w need two or three. No memory is allocated.
 
 Control effectiveness g_i(q, t) of an ideal agent: full row rank, and possibly more inputs than states.
 
@@ -34,9 +37,9 @@ from mjsheaf.section import Matrix, Number, Point, Section
 from mjsheaf.vectors import subtract, triple
 from mjsheaf.vehicles.actuators import ANGLE, FIXED, WEAK_SIDE
 
-_FORCE_WEIGHT, _YAW_WEIGHT = 1e-3, 1e-8  # weights in E; yaw has priority
+_FORCE_WEIGHT, _YAW_SHARE = 1e-3, 1e-5  # first weight in E for force; that for yaw, which has priority, as a part of it
 _ROUNDS = 20  # maximum rounds of the method of multipliers
-_NEWTON_STEPS, _LINE_STEPS = 12, 30  # maximum numbers of steps
+_NEWTON_STEPS, _LINE_STEPS = 30, 30  # maximum numbers of steps
 _ACCURACY = 1e-9  # relative accuracy of the wrench
 _FAR = 1e9  # an effort that exceeds every limit
 
@@ -44,6 +47,11 @@ _FAR = 1e9  # an effort that exceeds every limit
 @inline_jit
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inline_jit
+def _size(a):
+    return abs(a[0]) + abs(a[1]) + abs(a[2])
 
 
 @inline_jit
@@ -95,23 +103,24 @@ def nearest_effort(channels, k, a, b):
 
 
 @jit
-def _wrench_of(channels, y):
-    """Compute W P(W' y), the planar wrench of the efforts for a dual variable y."""
+def _make_wrench(channels, y, effort):
+    """Write the efforts P(W' y) for a dual variable y, and compute W P(W' y), their planar wrench."""
     made, last = (0.0, 0.0, 0.0), channels.shape[0] - 1
     for k in range(last + 1):
         if channels[k].code != ANGLE:
             one, other = triple(channels[k].planar), triple(channels[min(k + 1, last)].planar)
-            a, b, _, _, _ = nearest_effort(channels, k, _dot(one, y), _dot(other, y))
-            made = _plus(made, a, one)
+            effort[k], b, _, _, _ = nearest_effort(channels, k, _dot(one, y), _dot(other, y))
+            made = _plus(made, effort[k], one)
             if channels[k].code != FIXED:
+                effort[k + 1] = b
                 made = _plus(made, b, other)
     return made
 
 
 @jit
-def _newton_step(channels, y, residual):
+def _newton_step(channels, y, residual, weight):
     """Solve (W P' W' + E) d = -residual for d, by L D L'."""
-    xx, yy, nn = _FORCE_WEIGHT, _FORCE_WEIGHT, _YAW_WEIGHT
+    xx, yy, nn = weight, weight, _YAW_SHARE * weight
     xy = xn = yn = 0.0
     last = channels.shape[0] - 1
     for k in range(last + 1):
@@ -127,10 +136,10 @@ def _newton_step(channels, y, residual):
             yn += p[1] * f[2] + q[1] * g[2]
             nn += p[2] * f[2] + q[2] * g[2]
     a, b = xy / xx, xn / xx
-    second = yy - a * xy
+    second = max(yy - a * xy, weight)  # it is at least that, but for rounding
     mixed = yn - a * xn
     c = mixed / second
-    third = max(nn - b * xn - c * mixed, _YAW_WEIGHT)
+    third = max(nn - b * xn - c * mixed, _YAW_SHARE * weight)
     x = -residual[0]
     v = -residual[1] - a * x
     n = (-residual[2] - b * x - c * v) / third
@@ -139,26 +148,20 @@ def _newton_step(channels, y, residual):
 
 
 @jit
-def _residual(channels, wrench, y, start):
-    """Compute W P(W' y) + E (y - start) - wrench, zero at the solution."""
-    made, moved = _wrench_of(channels, y), subtract(y, start)
-    return (
-        made[0] + _FORCE_WEIGHT * moved[0] - wrench[0],
-        made[1] + _FORCE_WEIGHT * moved[1] - wrench[1],
-        made[2] + _YAW_WEIGHT * moved[2] - wrench[2],
-    )
+def _line_search(channels, wrench, y, start, weight, step, slope, effort):
+    """Follow a step to its end, or until the slope of the dual function, at first `slope`, has fallen to a fifth.
 
-
-@jit
-def _line_search(channels, wrench, y, start, step, slope):
-    """Follow a step until the slope of the convex dual has fallen to half of `slope`, its initial value."""
+    Returns:
+        The y there, and W P(W' y) + E (y - start) - wrench, which is zero at the solution of a round.
+    """
     low, high, at_low, at_high, share = 0.0, np.inf, slope, 0.0, 1.0
     point, residual = y, (0.0, 0.0, 0.0)
     for j in range(_LINE_STEPS):
         point = _plus(y, share, step)
-        residual = _residual(channels, wrench, point, start)
+        missed, moved = subtract(_make_wrench(channels, point, effort), wrench), subtract(point, start)
+        residual = _plus(missed, weight, (moved[0], moved[1], _YAW_SHARE * moved[2]))
         now = _dot(residual, step)
-        if abs(now) <= 0.5 * abs(slope) or (now < 0.0 and high == np.inf):
+        if abs(now) <= 0.2 * abs(slope) or (now < 0.0 and high == np.inf):
             break
         if now > 0.0:
             high, at_high = share, now
@@ -183,29 +186,34 @@ def allocate_nearest(channels, scale, force, yaw, effort):
     y = force[1] / scale[1] if scale[1] > 0.0 else 0.0
     n = yaw / scale[2] if scale[2] > 0.0 else 0.0
     far = np.copysign(_FAR, n)
-    most = _wrench_of(channels, (0.0, 0.0, far))[2]  # what the actuators produce together, that way
+    most = _make_wrench(channels, (0.0, 0.0, far), effort)[2]  # what the actuators produce together, that way
     wrench = x, y, min(n, most) if far > 0.0 else max(n, most)
-    accuracy = _ACCURACY * (abs(x) + abs(y) + abs(wrench[2]))
-    dual, last = (0.0, 0.0, 0.0), channels.shape[0] - 1
-    if not accuracy < np.inf:  # what is not finite stays, to be seen
-        dual = (accuracy, accuracy, accuracy)
+    accuracy = _ACCURACY * (1e-3 + _size(wrench))  # nothing depends on less than 1e-12 N
+    zero = 0.0 if accuracy < np.inf else accuracy  # what is not finite stays, to be seen
+    dual, weight = (zero, zero, zero), _FORCE_WEIGHT
+    residual = subtract(_make_wrench(channels, dual, effort), wrench)
     for _ in range(_ROUNDS):
         start = dual
-        residual = _residual(channels, wrench, dual, start)
-        if abs(residual[0]) + abs(residual[1]) + abs(residual[2]) <= accuracy:
-            break
         for _ in range(_NEWTON_STEPS):
-            if abs(residual[0]) + abs(residual[1]) + abs(residual[2]) <= accuracy:
+            if not _size(residual) > accuracy:
                 break
-            step = _newton_step(channels, dual, residual)
-            dual, residual = _line_search(channels, wrench, dual, start, step, _dot(residual, step))
-    for k in range(last + 1):
-        if channels[k].code != ANGLE:
-            one, other = triple(channels[k].planar), triple(channels[min(k + 1, last)].planar)
-            a, b, _, _, _ = nearest_effort(channels, k, _dot(one, dual), _dot(other, dual))
-            effort[k] = a
-            if channels[k].code != FIXED:
-                effort[k + 1] = b
+            step = _newton_step(channels, dual, residual, weight)
+            dual, residual = _line_search(channels, wrench, dual, start, weight, step, _dot(residual, step), effort)
+        residual = subtract(_make_wrench(channels, dual, effort), wrench)
+        if not _size(residual) > accuracy:
+            return
+        # What is missing, r = w - W u, is E d with d = y - y0. The slope of the dual function along d rises to the one
+        # far away, where W u goes as far along d as efforts allow. So if it stays negative there, all efforts leave at
+        # least its fraction of the first one of r, in the norm of E^-1. If it stays the same, all u on the ray are the
+        # same, and the rounds would go along it for ever.
+        d = subtract(dual, start)
+        point, slope = _plus(dual, _FAR / _size(d), d), _dot(residual, d)
+        last = _dot(subtract(_make_wrench(channels, point, effort), wrench), d)
+        if last <= (1.0 - 1e-12) * slope:
+            break
+        if last > 0.5 * slope:  # at least half of it may be made; if not, y would grow for ever, and rounding with it
+            weight *= 0.1
+    _make_wrench(channels, dual, effort)
 
 
 RANK_TOLERANCE = 1e-9

@@ -36,8 +36,8 @@ class Judged(NamedTuple):
         ok: Verdict of `check`.
         problems: What the analysis finds wrong without a trial; without any, it is OK by analysis alone.
         tried: What the trial finds wrong.
-        proven: True if an assumption fails or a loop is unstable, whatever the run looks like, or if agents that are
-            slower than their places stay as far behind as foreseen.
+        proven: True if an assumption fails or a loop is unstable, whatever the run looks like, or if agents stay behind
+            or are kept off as foreseen.
         failure: Failure of the run, or None.
         unforeseen: How far the error of the run is from the prediction, or None.
     """
@@ -73,7 +73,7 @@ def judge(seed: int) -> Judged:
     else:
         failure = failure_of_run(mission, run)
         unforeseen = unforeseen_error(mission, record, run)
-        proven = proven or _stay_behind(record, run)
+        proven = proven or _stay_behind(record, run) or _are_kept_off(record, run)
     return Judged(
         seed=seed,
         summary=mission["summary"],
@@ -87,10 +87,14 @@ def judge(seed: int) -> Judged:
 
 
 def _is_proven(record: dict[str, Any]) -> bool:
-    """Return True if an assumption fails or a loop is unstable in a phase: that is NOT OK even if errors stay small."""
+    """Return True if an assumption fails or a loop is unstable in a phase: that is NOT OK even if errors stay small.
+
+    So is a loop of vehicles that is unstable even over exact links: what limits it then are speeds and losses.
+    """
     for part in record["phases"] or [record]:
         loops = [part["law"], part["links"] or {}, part["targets"], part["targets"]["bodies"] or {}]
-        stable = [each.get("stable") for each in (*loops, part["margins"]["bodies"])]
+        bodies = part["margins"]["bodies"]
+        stable = [*(each.get("stable") for each in (*loops, bodies)), bodies["stable_over_exact_links"]]
         if False in stable or any(each["verdict"] in ("fails", "undecided") for each in part["assumptions"]):
             return True
     return False
@@ -105,6 +109,28 @@ def _stay_behind(record: dict[str, Any], run: xr.Dataset) -> bool:
     found = dict(zip(map(str, run["agent"].values), error, strict=True))
     slow = {agent: distance for agent, distance in foreseen.items() if distance > 0.5}
     return bool(slow) and all(found[agent] > 0.5 * distance for agent, distance in slow.items())
+
+
+def _are_kept_off(record: dict[str, Any], run: xr.Dataset) -> bool:
+    """Return True if an agent is kept farther from something than its place is, as foreseen.
+
+    It is farther by half a metre at most samples of the second half.
+    """
+    last = (record["phases"] or [record])[-1]
+    late = run.isel(time=run["time"].values >= 0.5 * run["time"].values[-1])
+    members = [*map(str, run["agent"].values), *map(str, run["target"].values)]
+    targets = late["target_position"].values
+    found, wanted = (
+        np.nan_to_num(np.concatenate([late[name].values, targets], axis=1))
+        for name in ("agent_position", "harmonic_extension")
+    )
+    for one in (last["safety"] or {"standoff_on_bodies": []})["standoff_on_bodies"]:
+        if one["fraction"] > 0.5 and set(one["pair"]) <= set(members):
+            i, j = map(members.index, one["pair"])
+            away, place = (np.linalg.norm(each[:, i] - each[:, j], axis=1) for each in (found, wanted))
+            if np.mean(away > place + 0.5) > 0.5:
+                return True
+    return False
 
 
 @pytest.fixture(scope="module")
@@ -156,6 +182,12 @@ def test_the_oracle_sees_a_boat_that_falls_behind(limit, failure):
         *(
             pytest.param(seed, ok, marks=pytest.mark.slow)
             for seed, ok in [(70, False), (205, False), (27, False), (100, False), (187, False), (164, True), (6, True)]
+        ),
+        # Boats still on their way, boats that Newton's method finds no equilibrium for, a rotor at a limit in noise,
+        # and drones that the safety filter drives away.
+        *(
+            pytest.param(110_000 + seed, ok, marks=pytest.mark.slow)
+            for seed, ok in [(4, True), (6, True), (15, True), (20, False)]
         ),
     ],
 )

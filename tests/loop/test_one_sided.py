@@ -113,7 +113,7 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
 @pytest.mark.slow
 @settings(max_examples=tried(300, 60))
 @given(places=sets, share=shares)
-@example(  # a corner, with all thrusters at a limit, which few rounds missed by 0.7 % of what the thrusters make
+@example(  # corners, with all thrusters at a limit, where the dual function is flat for a long way
     places=[
         (0.75, -1.5, 240.0, -5.0, 50.0),
         (1.0, 0.25, 105.0, -5.0, 100.0),
@@ -122,16 +122,43 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
     ],
     share=[1.0, 1.0, 0.0, 1.0],
 )
+@example(
+    places=[
+        (0.0, 0.0, 30.0, 0.0, 50.0),
+        (-1.0, 0.0, 345.0, 0.0, 50.0),
+        (-1.5, -0.25, 15.0, 0.0, 50.0),
+        (-1.5, 1.25, 120.0, 0.0, 50.0),
+    ],
+    share=[0.0, 0.0, 1.0, 0.0],
+)
+@example(
+    places=[*[(0.0, 0.0, 0.0, 0.0, 50.0)] * 6, (0.0, 1.5, 150.0, 0.0, 50.0), (-0.75, -0.5, 75.0, 0.0, 250.0)],
+    share=[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+)
+@example(
+    places=[
+        (1.25, -1.0, 75.0, 0.0, 100.0),
+        (-0.25, 1.5, 270.0, -5.0, 100.0),
+        (0.25, 0.25, 30.0, 0.0, 50.0),
+        (1.5, -0.25, 255.0, -5.0, 100.0),
+        (1.25, -1.25, 240.0, 0.0, 50.0),
+        (1.25, -1.0, 225.0, 0.0, 50.0),
+        (-1.0, -0.75, 90.0, -100.0, 100.0),
+        (0.0, -0.5, 120.0, -5.0, 100.0),
+    ],
+    share=[1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0],
+)
+@example(  # sway of a millinewton
+    places=[(0.25, -0.5, 150.0, 0.0, 0.001), (-0.75, -0.25, 0.0, 0.0, 100.0)],
+    share=[0.27, 0.61],
+)
 def test_a_wrench_that_is_feasible_is_made(places: Any, share: list[float]) -> None:
     vehicle = with_thrusters(places)
     W, (low, high) = vehicle.W[[0, 1, 5]], vehicle.effort_bounds.T
     wanted = W @ (low + np.array(share[: len(low)]) * (high - low))
     effort = allocate(vehicle, wanted)
     size = np.abs(W) @ np.maximum(-low, high)
-    assert (np.abs(W @ effort - wanted) <= 1e-3 * size + 1e-9).all()
-    rows = np.linalg.svd(W / np.maximum(np.linalg.norm(W, axis=1), 1e-9)[:, None])[1]
-    if rows[-1] > 0.2:  # no two rows alike
-        assert (np.abs(W @ effort - wanted) <= 3e-5 * size + 1e-9).all()
+    assert (np.abs(W @ effort - wanted) <= 1e-8 * size + 1e-9).all()
 
 
 @pytest.mark.parametrize(

@@ -143,12 +143,15 @@ def _require_linear(
     speed = float(np.linalg.norm(point.medium))
     if isinstance(model, str):
         why = f"{model} (some push one way only)" if is_one_sided(point.vehicle) else model
-        if speed < still:
-            raise NoModelError(f"{name} has no linear model at rest: {why}")
-        raise OverpoweredError(
-            f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place"
-            f"{' and in its wind' if point.wind.any() else ''}: {why}"
-        )
+        if speed > point.vehicle.capability.least_speed:
+            raise OverpoweredError(
+                f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place"
+                f"{' and in its wind' if point.wind.any() else ''}: {why}"
+            )
+        # Up to its all-way speed, a vehicle holds its place in any flow, even if Newton's method finds no equilibrium,
+        # for instance where the angles of azimuth thrusters oscillate.
+        at = "at rest" if speed < still else f"at {speed:.3g} m/s through the medium"
+        raise NoModelError(f"{name} has no linear model {at}: {why}")
     turning = turning_of(point.vehicle)
     if turning is not None and speed < way * turning.speed:
         raise NoModelError(
