@@ -323,11 +323,6 @@ class Held:
         self.value = value
 
     @cached_property
-    def kinds(self) -> str:
-        """Result of `kinds_of` as a text, which is quickly compared."""
-        return repr(kinds_of(self.value))
-
-    @cached_property
     def _numba_type_(self) -> Any:
         try:
             mark = compute_fingerprint(self.value)
@@ -346,7 +341,7 @@ class Held:
     @cached_property
     def address(self) -> int:
         """Address of its numbers, laid out as compiled code has them."""
-        return int(self._numbers.__array_interface__["data"][0])
+        return self._numbers.ctypes.data
 
 
 _TYPES: dict[bytes, Any] = {}
@@ -382,7 +377,7 @@ def _layout(kind: Any) -> np.dtype[Any]:
 def _numbers_of(value: Any) -> Any:
     """Return the numbers of a value in its layout."""
     if isinstance(value, np.ndarray):
-        return 0, 0, value.size, value.itemsize, value.__array_interface__["data"][0], value.shape, value.strides
+        return 0, 0, value.size, value.itemsize, value.ctypes.data, value.shape, value.strides
     return tuple(map(_numbers_of, value)) if isinstance(value, tuple) else value
 
 

@@ -82,7 +82,7 @@ class Tiered:
         """Call the function, in Python or compiled."""
         if INTERPRETED:
             return self.compiled(*arguments)
-        kinds = tuple(one.kinds if isinstance(one, Held) else kinds_of(one) for one in arguments)
+        kinds = tuple(one._numba_type_ if isinstance(one, Held) else kinds_of(one) for one in arguments)
         if kinds not in self._left:
             spent = _total_time(_file_of_times(self.compiled, kinds))
             self._left[kinds] = self._seconds if spent <= _PROCESSES * self._seconds else 0.0

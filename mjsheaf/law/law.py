@@ -416,13 +416,14 @@ def pull_back(edges, y, residual):
     residual[:] = 0.0
     for e in range(edges.tail.shape[0]):
         tail, head = residual[edges.tail[e]], residual[edges.head[e]]
+        moves_tail, moves_head = edges.listens[e, 0], edges.listens[e, 1]
         for r in range(edges.first[e], edges.first[e + 1]):
-            z = y[r] + edges.b[r]
+            z, P, Q = y[r] + edges.b[r], edges.P_tail[r], edges.P_head[r]
             for i in range(3):
-                if edges.listens[e, 0]:
-                    tail[i] -= edges.P_tail[r, i] * z
-                if edges.listens[e, 1]:
-                    head[i] += edges.P_head[r, i] * z
+                if moves_tail:
+                    tail[i] -= P[i] * z
+                if moves_head:
+                    head[i] += Q[i] * z
 
 
 @inline_jit

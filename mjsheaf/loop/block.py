@@ -132,7 +132,13 @@ def put(field, i, a):
 
 @inline_jit
 def attitude(b, i):
-    """Return the rotation of the vehicle in lane i of a block, body to world."""
+    """Return the rotation of the vehicle in lane i of a block, body to world, after `_sense`."""
+    R = b.attitude
+    return R[0, i], R[1, i], R[2, i], R[3, i], R[4, i], R[5, i], R[6, i], R[7, i], R[8, i]
+
+
+@inline_jit
+def _rotation(b, i):
     q = b.quaternion
     return rotation(q[0, i], q[1, i], q[2, i], q[3, i])
 
@@ -160,16 +166,14 @@ def move(one, h, b, i):
 @inline_jit
 def turn(h, lanes, b):
     """Normalise the quaternions in the lanes of a block, and turn them by the rates over a step of h, s."""
-    large = 0.0
+    large = 0
     for i in range(lanes):
         x, y, z = _half_turn(h, b, i)
         square, norm = x * x + y * y + z * z, _square_norm(b, i)
         b.parts[0, i], b.parts[1, i] = series(square)
         b.size[i] = 1.5 - 0.5 * norm
-        b.large[i] = 0.0 if (square < SMALL) & (abs(norm - 1.0) < NEARLY_UNIT) else 1.0
-    for i in range(lanes):
-        large += b.large[i]
-    if large > 0.0:
+        large += 0 if (square < SMALL) & (abs(norm - 1.0) < NEARLY_UNIT) else 1
+    if large > 0:
         for i in range(lanes):
             x, y, z = _half_turn(h, b, i)
             square, norm = x * x + y * y + z * z, _square_norm(b, i)
@@ -228,6 +232,7 @@ _HARMONICS = 8  # largest number of harmonics of a disturbance in lanes
 _VECTORS = {
     "position": 3,  # of the origin, world axes, m
     "quaternion": 4,
+    "attitude": 9,  # the same as a rotation, body to world, row by row
     "velocity": 3,  # of the origin, world axes, m/s
     "rates": 3,  # rad/s
     "command": 3,  # desired velocity through the medium, world axes, m/s
@@ -253,7 +258,6 @@ _SCALARS = (
     "good",  # 1 if the commands are good
     "sound",  # 1 if the state is good
     "size",  # factor that normalises the quaternion
-    "large",  # 1 if the turn is large, or the quaternion far from unit length
 )
 
 
@@ -274,27 +278,19 @@ _WAVES = np.dtype(
         ("rate", "f8", (_HARMONICS, LANES)),  # of the disturbance's harmonics, turns/s
         ("phase", "f8", (_HARMONICS, LANES)),  # turns
         ("amplitude", "f8", (_HARMONICS, 3, LANES)),  # world axes, m/s
+        ("sine", "f8", LANES),  # of one harmonic
     ]
 )
 
 
 @inline_jit
-def end_of_kind(bodies, first, last):
-    """Return the number after the last vehicle of the kind of `first` that follows it without a gap; at most `last`."""
-    end = first + 1
-    while end < last and bodies[end].kind == bodies[first].kind:
-        end += 1
-    return end
-
-
-@inline_jit
 def fits_lanes(fleet, helm, first, last):
-    """Return True if the vehicles from first up to last, of one kind, can be moved in lanes; see `loop.Params`."""
+    """Return True if the vehicles of a block, from first up to last, can be moved in lanes; see `loop.Params`."""
     kind = fleet.kinds[fleet.bodies[first].kind]
     fits = (last - first >= MIN_ALIKE) & (last - first <= LANES)
     fits &= (kind.turning == 0) & (kind.in_flow == 0) & (kind.count <= _CHANNELS)
     for v in range(first, last):
-        fits &= helm[v] == AUTOPILOT
+        fits &= (helm[v] == AUTOPILOT) & (fleet.bodies[v].kind == fleet.bodies[first].kind)
     return fits
 
 
@@ -339,13 +335,15 @@ def _read_medium(medium, state, v, b, i):
     rise = surface[3] if medium.planar[v] else 0.0
     put(b.medium, i, (w[0], w[1], w[2] + rise))
     b.height[i] = b.position[2, i] - surface[0]
-    b.normal[0, i], b.normal[1, i] = upright_in(medium.parts, surface, attitude(b, i))
+    b.normal[0, i], b.normal[1, i] = upright_in(medium.parts, surface, _rotation(b, i))
 
 
 @inline_jit
 def _sense(kind, b, i):
-    """Write the velocity through the medium, the wrench of drag, and the force for the desired velocity."""
-    R = attitude(b, i)
+    """Write attitude, velocity through the medium, wrench of drag, and force for the desired velocity."""
+    R = _rotation(b, i)
+    for j in range(9):
+        b.attitude[j, i] = R[j]
     s = to_body(R, subtract(at(b.velocity, i), at(b.medium, i)))
     force, moment = drag_wrench(kind, s, at(b.rates, i))
     push = desired_force(kind, R, s, to_body(R, at(b.command, i)))
@@ -475,6 +473,7 @@ def command_alone(loop, v, b):
     _gather(body, state.qpos, state.qvel, state.memory.command[v], b, 0)
     _read_medium(params.medium, state.medium, v, b, 0)
     _sense(kind, b, 0)
+    put(state.carried[v][:, None], 0, at(b.medium, 0))
     through, rates = at(b.through, 0), at(b.rates, 0)
     if params.helm[v] != OUTSIDE:
         _command(params.fleet, state.ctrl, v, v + 1, 1, b, ctrl[:, None])
@@ -513,14 +512,20 @@ def _act(kind, thrusters, lanes, b, effort, activation, own):
         along, about = triple(channel.direction), triple(channel.moment)
         if own is not None:
             along, about = unit_wrench(thrusters, j, own)  # before the angle that comes next
-        late, state = channel.late, channel.state
-        for i in range(lanes):
-            u = effort[j, i]
-            f, after = actuator_force(channel, u, activation[state, i] if late else 0.0)
-            if late:
-                activation[state, i] = after
-            _add_wrench(b, i, (f * along[0], f * along[1], f * along[2]), (f * about[0], f * about[1], f * about[2]))
-            b.good[i] = b.good[i] if abs(u) < HUGE else 0.0
+        if channel.late:  # no branch and no masked store in the loops over lanes
+            for i in range(lanes):
+                f, after = actuator_force(channel, True, effort[j, i], activation[channel.state, i])
+                activation[channel.state, i] = after
+                _push(b, i, effort[j, i], f, along, about)
+        else:
+            for i in range(lanes):
+                _push(b, i, effort[j, i], actuator_force(channel, False, effort[j, i], 0.0)[0], along, about)
+
+
+@inline_jit
+def _push(b, i, effort, f, along, about):
+    _add_wrench(b, i, (f * along[0], f * along[1], f * along[2]), (f * about[0], f * about[1], f * about[2]))
+    b.good[i] = b.good[i] if abs(effort) < HUGE else 0.0
 
 
 @inline_jit
@@ -597,14 +602,16 @@ def _read_steady(medium, first, t, lanes, waves, b):
             for i in range(lanes):
                 put(b.medium, i, add(at(b.medium, i), channel_velocity(c, offset_from(c, _place(b, i, planar)))))
     for k in range(amplitude.shape[1] if first < amplitude.shape[0] else 0):
+        for i in range(lanes):  # apart, or there are not enough registers
+            waves.sine[i] = sine(waves.rate[k, i] * t + waves.phase[k, i])
         for i in range(lanes):
-            s, a = sine(waves.rate[k, i] * t + waves.phase[k, i]), at(waves.amplitude[k], i)
+            s, a = waves.sine[i], at(waves.amplitude[k], i)
             put(b.shake, i, add(at(b.shake, i), (a[0] * s, a[1] * s, a[2] * s)))
     for i in range(lanes):
         put(b.medium, i, add(at(b.medium, i), at(b.shake, i)))
     if planar:  # only planar vehicles float and need the surface height
         for i in range(lanes):
-            R = attitude(b, i)
+            R = _rotation(b, i)
             b.medium[2, i] = 0.0
             b.height[i] = b.position[2, i] - medium.level
             b.normal[0, i] = R[6]
@@ -612,12 +619,13 @@ def _read_steady(medium, first, t, lanes, waves, b):
 
 
 @inline_jit
-def _write_commands(fleet, ctrl, first, last, effort):
-    """Write the efforts to the commands of the vehicles."""
+def _write_commands(fleet, state, first, last, b, effort):
+    """Write the efforts to the commands of the vehicles, and the velocity of the medium that goes with them."""
     kind = fleet.kinds[fleet.bodies[first].kind]
     for v in range(first, last):
         for j in range(kind.count):
-            ctrl[fleet.bodies[v].actuator + j] = effort[j, v - first]
+            state.ctrl[fleet.bodies[v].actuator + j] = effort[j, v - first]
+        put(state.carried[v][:, None], 0, at(b.medium, v - first))
 
 
 @inline_jit
@@ -646,27 +654,26 @@ def advance_lanes(loop, rigid, first, last, step, count, log, row, bad):
             waves.phase[j, i] = medium.harmonics.phase[v * K + j] if v < D else 0.0
             put(waves.amplitude[j], i, triple(amplitude[v, j]) if v < D else (0.0, 0.0, 0.0))
     for k in range(step, step + count):
-        t, recorded = params.start + k * h, k == step and row >= 0
-        if recorded or not steady:
-            advance_medium(medium, t, first, last, state.medium)
+        t = params.start + k * h
         if steady:
             _read_steady(medium, first, t, lanes, waves, b)
         else:
+            advance_medium(medium, t, first, last, state.medium)
             for i in range(lanes):
                 _read_medium(medium, state.medium, first + i if first + i < last else first, b, i)
         for i in range(lanes):
             _sense(kind, b, i)
         _command(fleet, state.ctrl, first, last, lanes, b, effort)
         _add_medium(medium, state.medium, kind, first, last, lanes, b)
-        if recorded:
-            _write_commands(fleet, state.ctrl, first, last, effort)
+        if k == step and row >= 0:
+            _write_commands(fleet, state, first, last, b, effort)
             record(loop, log, row, first, last)
         all_good = _take_step(
             fleet, rigid, h, first, last, lanes, k, b, effort, activation, None, state.qpos, state.qvel, bad
         )
         if not all_good:
             break
-    _write_commands(fleet, state.ctrl, first, last, effort)
+    _write_commands(fleet, state, first, last, b, effort)
     for v in range(first, last):
         if b.good[v - first] > 0.0:
             _scatter(fleet.bodies[v], b, v - first, state.qpos, state.qvel)

@@ -283,8 +283,10 @@ class Engine(WithThreads, ABC):
         controller: Law in Python that is in control, or None.
         scenario: Scenario of the run, with its seed; None if the run was not made from one.
         memory: State of the onboard computers after the law's last evaluation; a phase with other edges has another.
+        light: True to record what errors need, and nothing of the bodies and their actuators.
     """
 
+    light = False
     system: System
     memory: Memory
     steps_per_sample: int

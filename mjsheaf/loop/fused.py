@@ -38,7 +38,7 @@ from mjsheaf.compile.tiers import Tiered
 from mjsheaf.errors import InputError
 from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.law import look, unlook
-from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, end_of_kind, fits_lanes, pack_rigid
+from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, fits_lanes, pack_rigid
 from mjsheaf.loop.engine import Recorder, new_log
 from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, Params, begin_span, blow_up_of, map_seeded, run_law
 from mjsheaf.media.medium import advance as advance_medium
@@ -53,8 +53,8 @@ _WORTH_A_THREAD = 25_000  # vehicles times steps between two evaluations of the 
 def advance_block(loop, rigid, first, last, step, count, log, row, bad):
     """Move vehicles from first up to last by `count` steps from step number `step`, fewer where one becomes bad.
 
-    Their samples before the first step are recorded as `row` of the log, unless that is negative. Neighbours of one
-    kind move in lanes if they fit, which does not change a bit.
+    Their samples before the first step are recorded as `row` of the log, unless that is negative. They move in lanes if
+    they fit, which does not change a bit.
 
     Returns:
         True if no vehicle became bad; see `Fused._bad` on `bad`.
@@ -66,18 +66,9 @@ def advance_block(loop, rigid, first, last, step, count, log, row, bad):
 def _advance_block(lanes, loop, rigid, first, last, step, count, log, row, bad):
     if len(lanes) == 0:  # a matter of types: the rest is not compiled
         return advance_alone(loop, rigid, first, last, step, count, log, row, bad)
-    all_good, fleet, helm = True, loop.params.fleet, loop.params.helm
-    begin = first
-    while begin < last:
-        end = end_of_kind(fleet.bodies, begin, last)
-        if fits_lanes(fleet, helm, begin, end):
-            all_good &= advance_lanes(loop, rigid, begin, end, step, count, log, row, bad)
-        else:
-            while end < last and not fits_lanes(fleet, helm, end, end_of_kind(fleet.bodies, end, last)):
-                end = end_of_kind(fleet.bodies, end, last)
-            all_good &= advance_alone(loop, rigid, begin, end, step, count, log, row, bad)
-        begin = end
-    return all_good
+    if fits_lanes(loop.params.fleet, loop.params.helm, first, last):
+        return advance_lanes(loop, rigid, first, last, step, count, log, row, bad)
+    return advance_alone(loop, rigid, first, last, step, count, log, row, bad)
 
 
 @inline_jit

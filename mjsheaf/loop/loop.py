@@ -107,7 +107,8 @@ class State(NamedTuple):
         ctrl: Commands of all actuators, shape (A,).
         act: Activations of the actuators with a lag.
         x: Positions that the law sees, padded, shape (V, 3), m.
-        carried: Velocity of the medium as each vehicle measures it, shape (V, 3), m/s.
+        carried: Velocity of the medium at each vehicle when its commands were made, shape (V, 3), m/s; z of a planar
+            one is that of the surface.
         medium: State of the medium.
         memory: Memory of the law.
     """
@@ -215,8 +216,9 @@ def record(loop, log, k, first, last):
     for v in range(first, last):
         body = fleet.bodies[v]
         kind, a, d = fleet.kinds[body.kind], body.qpos, body.dof
-        w = medium_at(params.medium, state.medium, params.fleet, state.qpos, v)
-        record_vehicle(loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], w)
+        record_vehicle(loop, memory, log, k, v, state.x[v], state.qvel[d : d + 3], state.carried[v])
+        if log.origin.shape[0] == 0:
+            continue
         for i in range(3):
             log.origin[k, v, i] = state.qpos[a + i]
         for i in range(4):
@@ -414,7 +416,7 @@ class ClosedLoop(Engine):
         return blow_up_of(self.system, self._loop, vehicle, step, self.controller)
 
     def _new_log(self, samples: int) -> Log:
-        return new_log(samples, self._control.law, actuators=len(self._loop.state.ctrl))
+        return new_log(samples, self._control.law, actuators=None if self.light else len(self._loop.state.ctrl))
 
     def _velocity(self, displacement: Array) -> Array:
         return self._loop.state.qvel.reshape(-1, 6)[: len(displacement)]

@@ -26,7 +26,7 @@ from mjsheaf.law.safety import CAUSE, CORRECTION, VIOLATION
 from mjsheaf.law.terms import traffic_of
 from mjsheaf.loop.engine import READERS, Log, Trajectory
 from mjsheaf.loop.system import Phase, System
-from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, separations
+from mjsheaf.results.metrics import Errors, clearances, evaluate_errors, lengths, separations
 from mjsheaf.team import Edge
 from mjsheaf.team.team import Path
 
@@ -264,7 +264,7 @@ VARIABLES: list[Variable] = [
     Variable("harmonic_extension", _BODY, "m", "q*, the harmonic extension of the targets",
              lambda s: s.errors.harmonic_extension),
     Variable("disagreement", ("time", "agent"), "m", "|eta_i|, norm of the disagreement",
-             lambda s: np.where(s.team.present, np.linalg.norm(s.eta[:, : s.agents], axis=2), np.nan)),
+             lambda s: np.where(s.team.present, lengths(s.eta[:, : s.agents]), np.nan)),
     Variable("disagreement_vector", _BODY, "m", "eta_i, the disagreement, the true one",
              lambda s: s.of_present(s.eta), **_LINKED),
     Variable("disagreement_vector", _BODY, "m", "eta_i, the disagreement, as the law had it",
@@ -459,7 +459,7 @@ def make_datasets(
     The last piece has the run's status, the communication between agents (see `terms.traffic_of`) and the fraction of
     measurements that arrived. `phases` determine the phase of each sample and the edges that have a link at some time;
     a run of one phase does not need them. `first` is the number of the first sample in the run, and `path` has q* up to
-    there. In each phase q* begins anew. `only` names the variables to collect; all unless given.
+    there. In each phase q* begins anew. `only` names the variables to collect, without labels; all unless given.
     """
     attributes: dict[str, Any] = {}
     delivery: Delivery | None = None
@@ -605,15 +605,13 @@ class Delivery:
 
 
 def gather(samples: Samples, phase: Coordinate, only: Collection[str] | None = None) -> xr.Dataset:
-    """Read a run's variables, or `only` some of them, and the coordinates of their dimensions, from its samples."""
+    """Read a run's variables and coordinates from its samples, or `only` some variables, without labels."""
     time = "time", samples.trajectory.time, {"long_name": "time", "units": "s"}
     # Collected first, because adding variables one by one aligns all of them each time.
     coordinates: dict[str, Coordinate] = {"time": time}
     variables: dict[str, Coordinate] = {}
     chosen = [entry for entry in VARIABLES if only is None or entry.name in only]
-    spanned = {dimension for entry in chosen for dimension in entry.dimensions}
-    about = [entry for entry in COORDINATES if only is None or spanned.issuperset(entry.dimensions)]
-    for found, entries in ((coordinates, about), (variables, chosen)):
+    for found, entries in ((coordinates, COORDINATES if only is None else []), (variables, chosen)):
         for entry in entries:
             if entry.where(samples):
                 found[entry.name] = entry.dimensions, samples.read(entry), entry.attributes(samples)

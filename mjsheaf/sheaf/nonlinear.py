@@ -490,13 +490,18 @@ class _Arrays:
     conservative: bool
 
     def edge_totals(self, values: Array) -> Array:
-        """Return the sum over the rows of each edge, shape (..., E), of values of every row, shape (..., m)."""
-        return np.asarray(np.add.reduceat(values, self.first[:-1], axis=-1))
+        """Return the sum over the rows of each edge, shape (..., E), of values of every row, shape (..., m).
+
+        The order is that of numpy's reduceat, which takes four times as long over a short axis.
+        """
+        first, sizes = self.first[:-1], np.diff(self.first)
+        rest = np.full((*values.shape[:-1], len(first)), -0.0)
+        for r in range(1, sizes.max(initial=0)):
+            rest[..., sizes > r] += values[..., first[sizes > r] + r]
+        return np.asarray(values[..., first] + rest)
 
     def totals(self, values: Array) -> Array:
         """Return the sum over the rows of each edge in each of them, shape (..., m)."""
-        if not values.size:
-            return values
         return np.repeat(self.edge_totals(values), np.diff(self.first), axis=-1)
 
     def lengths(self, z: Array) -> Array:

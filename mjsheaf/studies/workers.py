@@ -342,13 +342,11 @@ class Workers:
         """
         waiting = iter(jobs)
         asked: dict[Future[JobResult], Job] = {}
+        ended: list[tuple[Future[JobResult], Job]] = []
         while True:
-            for job in islice(waiting, self.ahead - len(asked)):
+            for job in islice(waiting, self.ahead - len(asked)):  # before results are used, so that no worker waits
                 asked[self.submit(work, job)] = job
-            if not asked:
-                return
-            for future in wait(asked, return_when=FIRST_COMPLETED).done:
-                job = asked.pop(future)
+            for future, job in ended:
                 try:
                     result = future.result()
                 except BrokenExecutor:
@@ -359,6 +357,9 @@ class Workers:
                 except Exception as error:  # raised outside the run, for example because its result cannot be pickled
                     result = JobResult(failed_record(job, error))
                 yield result
+            if not asked:
+                return
+            ended = [(future, asked.pop(future)) for future in wait(asked, return_when=FIRST_COMPLETED).done]
 
 
 class _Processes:

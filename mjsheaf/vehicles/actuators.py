@@ -631,7 +631,9 @@ def flow_wrench(channels, velocity, rates, act, ctrl):
     for k in range(ctrl.shape[0]):
         if channels[k].flow == BLADE:
             propeller, rudder = channels[k], channels[k + 1]
-            thrust, _ = actuator_force(propeller, ctrl[k], act[propeller.state] if propeller.late else 0.0)
+            thrust, _ = actuator_force(
+                propeller, propeller.late, ctrl[k], act[propeller.state] if propeller.late else 0.0
+            )
             a, b = _inflow(rudder, velocity, rates, thrust)
             ahead, port = _blade_force(rudder, a, b, act[rudder.state])
             port /= rudder.side
@@ -660,13 +662,13 @@ def _turned(c, s, ahead, port):
 
 
 @inline_jit
-def actuator_force(channel, ctrl, act):
-    """Compute MuJoCo's force from a command and an activation, and the activation after a step."""
+def actuator_force(channel, late, ctrl, act):
+    """Compute MuJoCo's force from a command and, if it is `late`, an activation, and the activation after a step."""
     u = min(max(ctrl, channel.ctrl[0]), channel.ctrl[1])
-    follower = min(max(act + channel.followed * (u - act), channel.act[0]), channel.act[1])
-    after = follower if channel.late else act  # selections, no branch: this is also evaluated in lanes
-    used = follower if channel.early else act
-    u = used if channel.late else u
+    after = act
+    if late:
+        after = min(max(act + channel.followed * (u - act), channel.act[0]), channel.act[1])
+        u = after if channel.early else act  # a selection, no branch: this is also evaluated in lanes
     return min(max(channel.gain * u, channel.force[0]), channel.force[1]), after
 
 
