@@ -115,7 +115,7 @@ def test_pip_installs_what_uv_does_not_find(found: bool, tmp_path: Path) -> None
     (tmp_path / "bin" / "python").chmod(0o755)
     call = "import runpy, sys; sys.executable = sys.argv.pop(); runpy.run_path(sys.argv[0], run_name='__main__')"
     program = [sys.executable, "-c", f"import sys; sys.argv = sys.argv[1:]; {call}"]
-    arguments = [REPOSITORY / "tools" / "install.py", ".", tmp_path / "bin" / "python"]
+    arguments = map(str, (REPOSITORY / "tools" / "install.py", ".", tmp_path / "bin" / "python"))
     done = subprocess.run([*program, *arguments], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert called.read_text().split() == (["uv"] if found else ["uv", "pip"])
