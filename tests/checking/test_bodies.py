@@ -101,7 +101,7 @@ def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None 
     assert radii[0] < 1.0 + NEUTRAL < radii[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_check_refuses_the_ring(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "ring.yaml"
     path.write_text(json.dumps(QUADROTOR_PAIR))

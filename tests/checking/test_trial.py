@@ -181,7 +181,7 @@ def test_vehicles_that_come_closer_than_they_may_are_named_with_the_time() -> No
     assert problem["time"] == pytest.approx(float(run["time"][int(gaps.argmin())]))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(each=True)
 def test_an_error_far_beyond_the_foreseen_one_at_a_limit_fails() -> None:
     """Noise of odometry keeps the commands of these drones at their speed limit, which no linear analysis sees."""
     assert kinds(mjsheaf.load_scenario("noisy_odometry")) == {"far_off"}

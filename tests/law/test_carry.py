@@ -150,6 +150,7 @@ def run(scenario: Scenario, backend: str) -> xr.Dataset:
     return simulate(scenario, allow_drift=True, **BACKENDS[backend])
 
 
+@pytest.mark.slow
 def test_only_agents_whose_edges_change_wait_before_they_extrapolate() -> None:
     """A cut link restarts its two ends, and on a restored edge a target moves as v says for one sample."""
     events = [{"time": 0.5, "cut": ["B0", "T0"]}, {"time": 0.6, "restore": ["B0", "T0"]}]

@@ -560,7 +560,7 @@ def require_same_past(law: str, backend: str, engine: str) -> None:
         assert not np.array_equal(found.velocity_command.values, without.velocity_command.values, equal_nan=True)
 
 
-@pytest.mark.parametrize("law", ["extrapolated", "newton"])
+@pytest.mark.parametrize("law", [pytest.param("extrapolated", marks=pytest.mark.slow), "newton"])
 def test_an_event_changes_nothing_before_its_time(law: str) -> None:
     require_same_past(law, "ideal", "mujoco")
 

@@ -311,7 +311,7 @@ def both(scenario: Scenario, **how: Any) -> tuple[xr.Dataset, xr.Dataset]:
     return simulate(scenario, **how), simulate(scenario, engine="fused", **how)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(each=True)
 def test_a_run_is_that_of_mujoco() -> None:
     """Unlike vehicles under terms, over links, with an event: all that is recorded, to rounding."""
     mujoco_s, ours = both(mixed_scenario(**LOOPS_AND_LINKS))

@@ -110,7 +110,7 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
     assert off <= least + 2e-3 * np.linalg.norm(high)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(each=True)
 @settings(max_examples=tried(300, 60))
 @given(places=sets, share=shares)
 @example(  # corners, with all thrusters at a limit, where the dual function is flat for a long way

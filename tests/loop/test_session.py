@@ -66,7 +66,7 @@ def known(sample: Sample) -> list[bytes]:
     [
         *(pytest.param(engine, {"time": {"end": 0.2}}, id=f"plain-{engine}") for engine in ENGINES),
         *(pytest.param(engine, CONTINUOUS, id=f"continuous-{engine}") for engine in ENGINES),
-        pytest.param("fused", TANGLED, id="tangled-fused", marks=pytest.mark.slow(each=True)),
+        pytest.param("fused", TANGLED, id="tangled-fused", marks=pytest.mark.long),
         pytest.param("mujoco", TANGLED, id="tangled-mujoco", marks=pytest.mark.long),
         pytest.param("ideal", TANGLED, id="tangled-ideal", marks=pytest.mark.long),
     ],

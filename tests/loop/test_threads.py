@@ -34,7 +34,7 @@ def test_threads_do_not_change_a_bit(name: str) -> None:
     assert all(other == one for other in more)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_vehicles_are_divided_among_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each is moved by one of them between two evaluations of the law; a team alone in a thread is not divided."""
     parts: list[tuple[int, int]] = []

@@ -60,7 +60,7 @@ def test_water_without_waves_has_no_sea() -> None:
     assert seas_of(afloat(drift=[0.1, 0.0]).phases) == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_frames_show_a_sea_that_moves() -> None:
     """The water of two frames differs, where a level surface does not; vehicles stay in the picture."""
     scenario = afloat(waves=WAVES)
