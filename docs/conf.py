@@ -58,7 +58,7 @@ napoleon_use_ivar = True
 sphinx_gallery_conf = {
     "examples_dirs": str(HERE.parent / "examples"),
     "gallery_dirs": "examples",
-    "filename_pattern": os.environ.get("EXAMPLES", r"\.py$"),
+    "filename_pattern": os.environ.get("EXAMPLES") or r"\.py$",
     "within_subsection_order": "FileNameSortKey",
     "abort_on_example_error": True,
     "download_all_examples": False,

@@ -4,15 +4,15 @@ uv does so in a tenth of pip's time. It reads none of pip's settings, so those t
 variables. Where uv cannot be had, or finds less than pip, pip installs. Both take the tested versions.
 """
 
+import ast
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
-TESTED = ["--constraint", str(Path(__file__).parents[1] / "constraints.txt")]
+TESTED = str(Path(__file__).parents[1] / "constraints.txt")
 OF_UV = {
     "index-url": "UV_DEFAULT_INDEX",
     "extra-index-url": "UV_INDEX",
@@ -20,12 +20,13 @@ OF_UV = {
     "no-index": "UV_NO_INDEX",
     "constraint": "UV_CONSTRAINT",
     "cert": "SSL_CERT_FILE",
+    "proxy": "ALL_PROXY",
 }
 """What uv calls pip's settings."""
 
 
 def settings_for_uv(listed: str, given: Mapping[str, str]) -> dict[str, str]:
-    """Translate what `pip config list` prints, lines of `section.name='value'`, into variables that uv reads.
+    """Translate what `pip config list` prints, lines of `section.name=repr`, into variables that uv reads.
 
     What is set for `pip install` counts before what is set for all of pip, and pip's variables before both, as for pip.
     Variables of uv that are given stay as they are.
@@ -34,27 +35,30 @@ def settings_for_uv(listed: str, given: Mapping[str, str]) -> dict[str, str]:
     for section in ("global.", "install.", ":env:."):
         for line in listed.splitlines():
             name, _, value = line.partition("=")
-            if name.startswith(section) and (variable := OF_UV.get(name.removeprefix(section))):
+            variable = OF_UV.get(name.removeprefix(section))
+            if name.startswith(section) and variable is not None:
                 separator = "," if variable == "UV_FIND_LINKS" else " "
-                found[variable] = separator.join(value.strip("'\"").split())
-    return found | {name: given[name] for name in found if name in given}
+                found[variable] = separator.join(ast.literal_eval(value).split())
+    found |= {name: given[name] for name in OF_UV.values() if name in given}
+    # uv leaves constraints of its variable out if it is called with others.
+    return {**found, "UV_CONSTRAINT": f"{TESTED} {found.get('UV_CONSTRAINT', '')}".rstrip()}
 
 
 def main(package: str) -> int:
     """Install, and return the exit status."""
-    searched = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"
-    if shutil.which("uv", path=searched) is None:
-        subprocess.run([*PIP, "install", "--quiet", *TESTED, "uv"], stderr=subprocess.DEVNULL, check=False)
-    uv = shutil.which("uv", path=searched)
-    if uv is not None:
+    arguments = ["--quiet", "--editable", package]
+    uv = Path(sys.executable).with_name("uv")
+    if not uv.exists():
+        command = [*PIP, "install", "--quiet", "--constraint", TESTED, "uv"]
+        subprocess.run(command, stderr=subprocess.DEVNULL, check=False)
+    if uv.exists():
         listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, check=False).stdout
         environment = {**os.environ, **settings_for_uv(listed, os.environ)}
-        command = [uv, "pip", "install", "--quiet", "--python", sys.executable, *TESTED, "--editable", package]
+        command = [str(uv), "pip", "install", "--python", sys.executable, *arguments]
         if subprocess.run(command, env=environment, check=False).returncode == 0:
             return 0
         print("uv could not install everything: pip does", file=sys.stderr)
-    command = [*PIP, "install", "--quiet", "--no-compile", *TESTED, "--editable", package]
-    return subprocess.run(command, check=False).returncode
+    return subprocess.run([*PIP, "install", "--no-compile", "--constraint", TESTED, *arguments], check=False).returncode
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Options and errors of several commands, and the terminal: streams, tables, progress, signals.
 
-Modules of this package load only typer at once. The rest is loaded by `mjsheaf.lazy` when a command runs, so that help
-appears at once.
+Modules of this package import typer, and nothing else that takes long. The rest is loaded by `mjsheaf.lazy` when a
+command runs, so that help appears at once.
 
 Ctrl-C, SIGTERM and SIGHUP end a command in order: incomplete files are removed. A signal raises an exception where it
 arrives. Inside a callback of a library, or a hook of fork, Python prints the exception and continues. Therefore the

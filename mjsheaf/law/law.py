@@ -418,7 +418,8 @@ def pull_back(edges, y, residual):
         tail, head = residual[edges.tail[e]], residual[edges.head[e]]
         moves_tail, moves_head = edges.listens[e, 0], edges.listens[e, 1]
         for r in range(edges.first[e], edges.first[e + 1]):
-            z, P, Q = y[r] + edges.b[r], edges.P_tail[r], edges.P_head[r]
+            z = y[r] + edges.b[r]
+            P, Q = edges.P_tail[r], edges.P_head[r]
             for i in range(3):
                 if moves_tail:
                     tail[i] -= P[i] * z

@@ -283,7 +283,7 @@ class Engine(WithThreads, ABC):
         controller: Law in Python that is in control, or None.
         scenario: Scenario of the run, with its seed; None if the run was not made from one.
         memory: State of the onboard computers after the law's last evaluation; a phase with other edges has another.
-        light: True to record what errors need, and nothing of the bodies and their actuators.
+        light: True to record what errors need alone: no attitudes, forces, commands and saturation.
     """
 
     light = False

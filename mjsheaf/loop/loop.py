@@ -484,6 +484,6 @@ class ClosedLoop(Engine):
 
     def saturation(self) -> Array:
         """Fraction of each vehicle's thrusters whose command is at its limit, shape (V,)."""
-        log = self._new_log(1)
+        log = new_log(1, self._control.law, actuators=len(self._loop.state.ctrl))
         _record(self._held, log, 0, 0, len(self._vehicles))
         return log.saturation[0]

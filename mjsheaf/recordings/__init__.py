@@ -82,9 +82,9 @@ def read_positions(path: str, selection: Selection | None = None, **fields: Any)
         inner = [entry.stat().st_mode for entry in os.scandir(path)] if stat.S_ISDIR(mode) else []
         if not all(stat.S_ISREG(found) or stat.S_ISDIR(found) for found in (mode, *inner)):  # these block a reader
             raise InputError("is a pipe or a device; expected a file, or the directory of a bag")
+        read: Callable[[Path, Selection], Rows] = getattr(import_module(f"mjsheaf.recordings.{module}"), function)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of libraries, about attributes that do not matter here
-            read: Callable[[Path, Selection], Rows] = getattr(import_module(f"mjsheaf.recordings.{module}"), function)
             rows = read(place, selection or Selection(**fields))
     except OSError as error:
         raise InputError(f"{name}: {error.strerror or f'cannot be read: {error}'}") from None

@@ -231,9 +231,7 @@ def error_series(
 ) -> tuple[dict[str, Array], dict[str, dict[str, Array]]]:
     """Compute the errors over time of the team and of each group from positions alone, by measure, shape (T,), m.
 
-    NaN if undefined.
-
-    `mean_disagreement` is not among them.
+    They are NaN if undefined, and without `mean_disagreement`.
 
     Args:
         team: Team whose errors are computed.

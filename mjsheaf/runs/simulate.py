@@ -150,7 +150,7 @@ def stream(
         run: System that has passed `prepare_run`, or phases whose systems have.
         seed: Seed of the scenario.
         samples: Maximum number of samples in a piece; a few megabytes of them unless given.
-        only: Names of the variables to collect, which no bodies and actuators must have part in; all unless given.
+        only: Names of the variables to collect, which need no attitudes and no actuators; all unless given.
     """
     with engine_of(run, backend, controller=controller_of(controller, phases_of(run)[0].system, seed)) as engine:
         engine.light = only is not None

@@ -494,7 +494,8 @@ class _Arrays:
 
         The order is that of numpy's reduceat, which takes four times as long over a short axis.
         """
-        first, sizes = self.first[:-1], np.diff(self.first)
+        first = self.first[:-1]
+        sizes = np.diff(self.first)
         rest = np.full((*values.shape[:-1], len(first)), -0.0)
         for r in range(1, sizes.max(initial=0)):
             rest[..., sizes > r] += values[..., first[sizes > r] + r]

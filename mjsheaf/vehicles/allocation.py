@@ -204,10 +204,10 @@ def allocate_nearest(channels, scale, force, yaw, effort):
             return
         # What is missing, r = w - W u, is E d with d = y - y0. The slope of the dual function along d rises to the one
         # far away, where W u goes as far along d as efforts allow. So if it stays negative there, all efforts leave at
-        # least its fraction of the first one of r, in the norm of E^-1. If it stays the same, all u on the ray are the
+        # least last/slope of r, in the norm of E^-1. If it stays the same, all u on the ray are the
         # same, and the rounds would go along it for ever.
         d = subtract(dual, start)
-        point, slope = _plus(dual, _FAR / _size(d), d), _dot(residual, d)
+        point, slope = _plus(dual, _FAR * max(1.0, 1.0 / _size(d)), d), _dot(residual, d)
         last = _dot(subtract(_make_wrench(channels, point, effort), wrench), d)
         if last <= (1.0 - 1e-12) * slope:
             break
