@@ -148,6 +148,15 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
     ],
     share=[1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0],
 )
+@example(  # of a ship
+    places=[
+        (-1.0, -0.75, 60.0, -1e7, 1e7),
+        (0.25, -1.0, 180.0, -5e5, 2.5e7),
+        (1.0, -1.5, 60.0, -4e6, 5e6),
+        (1.25, 1.0, 270.0, -5e5, 2.5e7),
+    ],
+    share=[0.0, 0.3072632702312723, 0.3072632702312723, 1.0],
+)
 @example(  # sway of a millinewton
     places=[(0.25, -0.5, 150.0, 0.0, 0.001), (-0.75, -0.25, 0.0, 0.0, 100.0)],
     share=[0.27, 0.61],
