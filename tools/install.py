@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
-TESTED = str(Path(__file__).parents[1] / "constraints.txt")
+TESTED = "constraints.txt"  # in this repository; uv splits paths at spaces
 OF_UV = {
     "index-url": "UV_DEFAULT_INDEX",
     "extra-index-url": "UV_INDEX",
@@ -47,12 +47,14 @@ def settings_for_uv(listed: str, given: Mapping[str, str]) -> dict[str, str]:
 def main(package: str) -> int:
     """Install, and return the exit status."""
     arguments = ["--quiet", "--editable", package]
+    os.chdir(Path(__file__).parents[1])
     uv = Path(sys.executable).with_name("uv")
     if not uv.exists():
         command = [*PIP, "install", "--quiet", "--constraint", TESTED, "uv"]
         subprocess.run(command, stderr=subprocess.DEVNULL, check=False)
     if uv.exists():
-        listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, check=False).stdout
+        loud = {name: value for name, value in os.environ.items() if name != "PIP_QUIET"}  # which lists nothing
+        listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, env=loud, check=True).stdout
         environment = {**os.environ, **settings_for_uv(listed, os.environ)}
         command = [str(uv), "pip", "install", "--python", sys.executable, *arguments]
         if subprocess.run(command, env=environment, check=False).returncode == 0:

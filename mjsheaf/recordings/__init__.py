@@ -77,12 +77,12 @@ def read_positions(path: str, selection: Selection | None = None, **fields: Any)
     place = Path(path)
     of_bag = (place / "metadata.yaml").is_file()
     module, function = _READERS[".bag"] if of_bag else _READERS.get(place.suffix.lower(), ("tables", "read_table"))
+    read: Callable[[Path, Selection], Rows] = getattr(import_module(f"mjsheaf.recordings.{module}"), function)
     try:
         mode = os.stat(path).st_mode  # also refuses an empty path, which Path takes for the working directory
         inner = [entry.stat().st_mode for entry in os.scandir(path)] if stat.S_ISDIR(mode) else []
         if not all(stat.S_ISREG(found) or stat.S_ISDIR(found) for found in (mode, *inner)):  # these block a reader
             raise InputError("is a pipe or a device; expected a file, or the directory of a bag")
-        read: Callable[[Path, Selection], Rows] = getattr(import_module(f"mjsheaf.recordings.{module}"), function)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of libraries, about attributes that do not matter here
             rows = read(place, selection or Selection(**fields))

@@ -88,7 +88,6 @@ def test_each_goal_prepares_and_runs_its_tests(goal: str, prepares: bool, chosen
 
 def test_uv_looks_where_pip_does() -> None:
     settings_for_uv = runpy.run_path(str(REPOSITORY / "tools" / "install.py"))["settings_for_uv"]
-    tested = str(REPOSITORY / "constraints.txt")
     listed = """\
 :env:.find-links='/wheels /more'
 global.constraint='/of/everybody.txt'
@@ -104,12 +103,12 @@ download.index-url='https://elsewhere/simple'
         "UV_DEFAULT_INDEX": "https://mirror/simple",
         "UV_INDEX": "https://one/simple https://two/simple",
         "UV_FIND_LINKS": "/wheels,/more",
-        "UV_CONSTRAINT": f"{tested} /of/everybody.txt",
+        "UV_CONSTRAINT": "constraints.txt /of/everybody.txt",
     }
     assert settings_for_uv(listed, {}) == found
     given = {"UV_INDEX": "https://mine/simple"}
     assert settings_for_uv(listed, {**given, "HOME": "/home"}) == found | given
-    assert settings_for_uv("", {}) == {"UV_INDEX_STRATEGY": "unsafe-best-match", "UV_CONSTRAINT": tested}
+    assert settings_for_uv("", {}) == {"UV_INDEX_STRATEGY": "unsafe-best-match", "UV_CONSTRAINT": "constraints.txt"}
 
 
 @pytest.mark.parametrize("found", [True, False])
