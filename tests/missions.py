@@ -484,11 +484,10 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     """Say how an agent ends in trouble over the time from `begin`, s, to the end; None if it does not."""
     time = run["time"].values
     begin = max(begin, float(time[0]))
-    cuts = begin + (time[-1] - begin) * np.array([0.5, 0.75, 1.0])
-    third, last = (_motion(mission, run, i, cuts[k], cuts[k + 1]) for k in (0, 1))
+    cuts = np.linspace(begin, time[-1], 5)
+    first, second, third, last = (_motion(mission, run, i, cuts[k], cuts[k + 1]) for k in range(4))
     # One that was driven away, and comes back, is not on its first way to its place.
-    first = _motion(mission, run, i, begin, 0.5 * (begin + cuts[0]))
-    if last.error < APPROACHING * third.error and last.error < first.error:
+    if first.error > second.error > third.error and last.error < APPROACHING * third.error:
         return None
     tail = f"{third.error:.1f} then {last.error:.1f} m off in the last quarters"
     if last.error > MIN_STUCK_ERROR and last.commanded > 0.1 and last.made < 0.15 * last.commanded:
@@ -496,10 +495,10 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     if last.error > MIN_STUCK_ERROR and last.corrected > 0.1 and last.corrected > 0.3 * last.commanded:
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
     if last.error > max(MIN_ERROR, third.error) and last.incapable:
-        return f"{'diverges' if _grows(run, i, cuts[0]) else 'stays far off'}: {last.incapable}, {tail}"
-    if last.error > MIN_ERROR and last.of_place < 1.1 * third.of_place and _grows(run, i, cuts[0]):
+        return f"{'diverges' if _grows(run, i, cuts[2]) else 'stays far off'}: {last.incapable}, {tail}"
+    if last.error > MIN_ERROR and last.of_place < 1.1 * third.of_place and _grows(run, i, cuts[2]):
         return f"diverges, and its place moves no faster: {tail}"
-    before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (0, 1))
+    before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (2, 3))
     if after > MIN_STUCK_ERROR and after > APPROACHING * before:
         return f"swings by {after:.1f} m RMS about a mean that neither q* nor the medium drives"
     return None

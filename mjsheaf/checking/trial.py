@@ -61,7 +61,6 @@ _JUDGED = (
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
 _FAR_BY = 1.0  # m: errors and motions that count
-_BEHIND_BY = 0.5  # m, as in `record._of_slow`: a boat that rests as near to its place counts as being there
 # Mean error of the last quarter over that of the third, below which an agent approaches its place: at that pace, the
 # error is less than half of it after another run.
 _APPROACHING = 0.5**0.25
@@ -121,7 +120,7 @@ def try_mission(
     finished = data.attrs["status"] == "finished"
     late = late_errors(phases[0].system.team, data)["tracking_error"]
     stuck = find_stuck_at_end(phases, data) if finished else []
-    problems = list(_problems(scenario, phases, run, [one for one in stuck if one.error > _BEHIND_BY]))
+    problems = list(_problems(scenario, phases, run, _away(stuck, data)))
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
     return TrialRecord(
@@ -144,6 +143,23 @@ def _refused(error: Exception) -> TrialRecord:
         ending=None,
         problems=[TrialProblem(kind="refused", text=f"the run is refused: {error}")],
     )
+
+
+def _away(
+    stuck: Sequence[Stuck],
+    data: xr.Dataset,
+    *,
+    behind: float = 0.5,  # m, as in `record._of_slow`
+    share: float = 0.1,
+) -> list[Stuck]:
+    """Return the stuck agents that are away from their places.
+
+    One that has come within half a metre, and within a tenth of its largest error, has done its way: it rests where its
+    vehicle cannot follow the small commands that are left, as a boat that cannot go astern. The tenth is for small
+    teams and for agents that never got under way, which are stuck however near they are.
+    """
+    largest = data["tracking_error"].max("time").values
+    return [one for one in stuck if one.error > min(behind, share * largest[one.agent])]
 
 
 class _Run(NamedTuple):
@@ -320,7 +336,8 @@ def _diverging(
         steady: Growth of one quarter over that of the last; growth that slows down by more is a transient.
         small: Errors that grow by less do not count, m.
     """
-    errors, time = last["tracking_error"].values, last["time"].values
+    errors = last["tracking_error"].values
+    time = last["time"].values
     q_star = np.nan_to_num(last["harmonic_extension"].values)
     if len(errors) < _MIN_SAMPLES or time[-1] - time[0] < MIN_DURATION:
         return
@@ -370,7 +387,7 @@ def _without_headway(
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
     third, fourth = (part.mean(axis=0) for part in np.array_split(last["tracking_error"].values, 4)[2:])
-    size, along = _by_second(last.isel(time=slice(-(last.sizes["time"] // 4), None)))
+    size, along = _by_second(last.isel(time=slice(-(last.sizes["time"] // 4), None)), np.zeros(3))
     commanded, towards = size.mean(axis=0), along.mean(axis=0)
     idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & (fourth > _APPROACHING * third)
     part = (along * size).sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
@@ -392,10 +409,14 @@ def _without_headway(
     )
 
 
-def _by_second(data: xr.Dataset) -> tuple[Array, Array]:
+def _by_second(data: xr.Dataset, held: Array) -> tuple[Array, Array]:
     """Return commanded speeds, and velocities through the medium along the commands, shape (T, N), m/s.
 
     Both are of means over a second: commands jump with noise and losses, and velocities follow them later.
+
+    Args:
+        data: A part of the run.
+        held: Part of the commands that is not counted, shape (3,) or (N, 3), m/s.
     """
     seconds = max(1, int(float(data["time"][-1] - data["time"][0])))
     blocks = np.array_split(np.arange(data.sizes["time"]), min(seconds, data.sizes["time"]))
@@ -403,6 +424,7 @@ def _by_second(data: xr.Dataset) -> tuple[Array, Array]:
         np.concatenate([np.broadcast_to(values[block].mean(axis=0), values[block].shape) for block in blocks])
         for values in map(np.nan_to_num, (data["velocity_command"], data["agent_velocity"] - data["agent_flow"]))
     )
+    command -= held
     size = np.linalg.norm(command, axis=2)
     return size, (made * command).sum(axis=2) / np.where(size > 0.0, size, 1.0)
 
@@ -436,8 +458,9 @@ def _far_off(
     """Yield the problem of an error far above the predicted one, or of a law that comes to rest far from q*.
 
     Agents on their first way to q* are not counted in the former: the prediction has no limits of thrust and turning,
-    which draw it out. Their error decays, and is below that at the start. A law with range or bearing edges comes to
-    rest where its disagreement is 0, which may be far from q*.
+    which draw it out. The mean of their error falls from each quarter of the phase to the next, and so fast at the end
+    that less than half of it is left after another run. A law with range or bearing edges comes to rest where its
+    disagreement is 0, which may be far from q*.
 
     Args:
         phases: Phases of the run.
@@ -447,51 +470,72 @@ def _far_off(
         far: Ratio of the error to the predicted one, above which it is a problem.
         at_rest: Mean disagreement over mean tracking error, below which a law is at rest.
     """
-    (system, last), end = of_phase(phases, data, -1), float(data["time"][-1])
-    errors, n = last["tracking_error"].values, max(1, last.sizes["time"] // 4)
-    first, third, fourth = (part.mean(axis=0) for part in (errors[:n], errors[-2 * n : -n], errors[-n:]))
-    stays = (fourth > _APPROACHING * third) | (fourth > first)
-    left = float(np.sqrt(np.mean(np.square(stays * errors[len(errors) // 2 :]))))
-    if foreseen is not None and left > far * foreseen + _FAR_BY:
-        limited = stays * _limited(system, last)
+    system, last = of_phase(phases, data, -1)
+    end = float(data["time"][-1])
+    errors = last["tracking_error"]
+    count = last.sizes["time"]
+    # Without agents that are absent, whose errors are NaN; in fewer samples than quarters, none approaches.
+    first, second, third, fourth = (
+        errors.isel(time=part).mean("time").values for part in np.array_split(np.arange(count), 4)
+    )
+    approaching = (first > second) & (second > third) & (fourth < _APPROACHING * third)
+    half = np.where(approaching, 0.0, errors.values[count // 2 :])
+    counted = float(np.sqrt(np.nanmean(np.square(half))))
+    if foreseen is not None and counted > far * foreseen + _FAR_BY:
+        limited = np.where(approaching, 0.0, _limited(system, last))
         v = int(limited.argmax())
         name = system.team.agent_ids[v] if limited[v] > _OFTEN else None
         share = f": {name} is at a limit of its vehicle or its speed for {100.0 * limited[v]:.0f} % of that time"
         text = f"the error is {error:.3g} m (RMS over agents, second half), and the analysis foresees {foreseen:.3g} m"
+        if approaching.any():
+            text += f"; agents on their first way to q* aside, it is {counted:.3g} m"
         yield TrialProblem(kind="far_off", text=text + (share if name else ""), agent=name, time=end, number=error)
     elif not phases[-1].system.team.linear:
-        disagreement, away = (np.nanmean(last[name].values[-n:]) for name in ("disagreement", "tracking_error"))
+        disagreement, away = (
+            np.nanmean(last[name].values[-max(1, count // 4) :]) for name in ("disagreement", "tracking_error")
+        )
         if away > _FAR_BY and disagreement < at_rest * away:
             text = f"the team rests {away:.3g} m from q* (mean over agents), in another equilibrium of the law"
             yield TrialProblem(kind="far_off", text=text, time=end, number=float(away))
 
 
-def _limited(system: System, data: xr.Dataset, *, nearly: float = 1.0 - 1e-9, shortfall: float = 0.2) -> Array:
+def _limited(
+    system: System,
+    data: xr.Dataset,
+    *,
+    nearly: float = 1.0 - 1e-9,
+    unmade: float = 0.03,
+    shortfall: float = 0.2,
+) -> Array:
     """Return the fraction of the second half for which each agent is at a limit, shape (N,).
 
-    At a limit, the command is at the velocity limit, or a thruster saturates while the vehicle makes too little of the
-    command: one that makes it lacks nothing, and its error is the law's. An agent is at a limit throughout if its mean
-    velocity over the second half is too small for the commands, as for a vehicle whose tilt is limited. The part of the
-    command that compensates for wind on a hull is not counted.
+    At a limit, the command is at the velocity limit, or a thruster saturates while the vehicle makes less than the
+    command: one that makes it lacks nothing, and its error is the law's. The margin is small, since a command grows
+    slowly behind a place that moves a little faster than the vehicle, and means over a second have little noise. An
+    agent is at a limit throughout if its mean velocity over the second half is too small for the commands, as for a
+    vehicle whose tilt is limited: these follow their commands less closely. The part of the command that compensates
+    for wind on a hull is not counted.
 
     Args:
         system: System of the run.
         data: The run.
         nearly: Fraction of the velocity limit at which a command is at it.
-        shortfall: Missing fraction of the commanded velocity, above which a vehicle is at a limit.
+        unmade: Missing fraction of the commanded velocity, above which a saturated thruster limits a vehicle.
+        shortfall: The same fraction for a vehicle whose thrusters do not saturate.
     """
     half = data.isel(time=slice(data.sizes["time"] // 2, None))
     command, velocity, flow, saturation = (
         np.nan_to_num(half[name].values)
         for name in ("velocity_command", "agent_velocity", "agent_flow", "agent_saturation")
     )
-    size, along = _by_second(half)
-    at_limit = (saturation > 0.0) & (along < (1.0 - shortfall) * size)
-    at_limit |= np.linalg.norm(command, axis=2) >= nearly * system.law.limit[: command.shape[1]]
     made = np.where(np.isnan(half["velocity_command"].values), 0.0, velocity - flow)  # of vehicles in the plane, level
-    commanded = np.linalg.norm(command.mean(axis=0), axis=1)
     steady = made.mean(axis=0)
     # Against the wind on its hull, an agent's command exceeds its velocity.
-    missing = command.mean(axis=0) - steady + system.drift_in_wind(-steady)
+    held = -system.drift_in_wind(-steady)
+    size, along = _by_second(half, held)
+    at_limit = (saturation > 0.0) & (along < (1.0 - unmade) * size)
+    at_limit |= np.linalg.norm(command, axis=2) >= nearly * system.law.limit[: command.shape[1]]
+    commanded = np.linalg.norm(command.mean(axis=0), axis=1)
+    missing = command.mean(axis=0) - held - steady
     short = (commanded > MIN_SPEED) & (np.linalg.norm(missing, axis=1) > shortfall * commanded)
     return np.where(short, 1.0, at_limit.mean(axis=0))

@@ -16,8 +16,11 @@ import pytest
 from mjsheaf.checking.loop import body_loop as bodies
 from mjsheaf.checking.loop.body_loop import BodyLoop, body_loop, difference_of, mean_medium
 from mjsheaf.checking.spectrum import spectrum_of
+from mjsheaf.errors import NoModelError, OverpoweredError
+from mjsheaf.loop.linear import HeldPoint
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
+from mjsheaf.vehicles.loading import load_vehicle
 from tests import builders
 from tests.builders import QUADROTOR_PAIR, known, make_fields, make_scenario
 from tests.commands import Capture, call
@@ -288,6 +291,28 @@ def test_what_cannot_be_said_is_undecided(scenario: dict[str, Any], drift: list[
     loop = loop_of(scenario, drift=drift)
     assert (loop.stable, loop.spectral_radius, loop.largest_gain, loop.least_damped) == (None, None, None, None)
     assert why in loop.reason
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "medium", "wind", "error", "words"),
+    [
+        ("wamv_azimuth", [3.8, 0.0, 0.0], None, NoModelError, "at 3.8 m/s through the medium: why"),
+        ("wamv_azimuth", [0.0, 0.0, 0.0], None, NoModelError, "A has no linear model at rest: why"),
+        ("wamv_azimuth", [0.0, 0.0, 0.0], [5.0, 0.0, 0.0], NoModelError, "at rest and in its wind: why"),
+        ("wamv_azimuth", [3.9, 0.0, 0.0], None, OverpoweredError, "in a mean flow of 3.9 m/s"),
+        ("wamv_azimuth", [1.0, 0.0, 0.0], [5.0, 0.0, 0.0], OverpoweredError, "to its place and in its wind: why"),
+        ("x500", [10.0, 0.0, 0.0], None, NoModelError, "at 10 m/s through the medium: why"),
+        ("x500", [10.0, 0.0, 0.1], None, OverpoweredError, "in a mean flow of 10 m/s"),
+    ],
+)
+def test_a_vehicle_without_a_model_holds_its_place_up_to_its_speed_in_level_flow_and_still_air(
+    vehicle: str, medium: list[float], wind: list[float] | None, error: type[Exception], words: str
+) -> None:
+    """A wamv_azimuth makes 3.85 m/s in its slowest direction."""
+    air = {} if wind is None else {"wind": np.array(wind)}
+    point = HeldPoint(load_vehicle(vehicle), np.array(medium), 0.0, **air)
+    with pytest.raises(error, match=words):
+        bodies._require_linear("A", point, "why")
 
 
 def test_a_loop_that_is_not_finite_is_undecided(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -179,20 +179,21 @@ def test_the_oracle_sees_a_boat_that_falls_behind(limit, failure):
     ("seed", "ok"),
     [
         (7, True),
+        (100, False),
         *(
             pytest.param(seed, ok, marks=pytest.mark.slow)
-            for seed, ok in [(70, False), (205, False), (27, False), (100, False), (187, False), (164, True), (6, True)]
+            for seed, ok in [(70, False), (205, False), (27, False), (187, False), (164, True), (6, True)]
         ),
-        # Boats still on their way, boats that Newton's method finds no equilibrium for, a rotor at a limit in noise,
-        # and drones that the safety filter drives away.
+        # Boats that Newton's method finds no equilibrium for, a rotor at a limit in noise, and drones that the safety
+        # filter drives away.
         *(
             pytest.param(110_000 + seed, ok, marks=pytest.mark.slow)
-            for seed, ok in [(4, True), (6, True), (15, True), (20, False)]
+            for seed, ok in [(6, True), (15, True), (20, False)]
         ),
     ],
 )
 def test_missions_that_fail_are_told_from_those_that_work(seed, ok):
-    """No room for safety, a current too fast for the drone, a loop over links that swings, gusts; three work."""
+    """No room for safety, a current too fast for the drone, loops that swing, gusts, a filter; five work."""
     judged = judge(seed)
     assert judged.ok is ok, judged
     assert (judged.failure is None) is ok, judged

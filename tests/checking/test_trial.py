@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import mjsheaf
 from mjsheaf.checking import Examination, examine_scenario
@@ -17,6 +18,7 @@ from mjsheaf.checking.check import try_out
 from mjsheaf.checking.record import CheckRecord, headline
 from mjsheaf.checking.report import screen
 from mjsheaf.cli.figures import draw_check
+from mjsheaf.results.ending import Stuck
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import AS_USUAL
 from tests.builders import DATA, dump_scenario, list_members, make_fields
@@ -304,3 +306,126 @@ def test_the_plot_of_a_check_has_the_verdict_of_the_trial(tmp_path: Path) -> Non
     record = try_out(analysis.record, scenario)
     figure = draw_check(Examination(record, analysis.certificate, analysis.system), AS_USUAL)
     assert "NOT OK" in figure.get_suptitle()
+
+
+# -- what is no failure, and what is just beyond -----------------------------------------------------------------------
+
+
+def tried(scenario: Scenario) -> set[str]:
+    """Kinds of the problems of a trial without a prediction."""
+    return {problem.kind for problem in trials.try_mission(scenario).problems}
+
+
+@pytest.mark.parametrize(
+    ("speed", "wind", "expected"),
+    [
+        (3.05, 0.0, set[str]()),
+        (3.2, 0.0, {"saturated"}),
+        (2.3, 12.0, set[str]()),
+        (2.5, 12.0, {"saturated"}),
+        (2.9, 8.0, {"saturated"}),
+    ],
+)
+def test_a_place_a_little_faster_than_a_boat_at_full_thrust_leaves_it_behind(
+    speed: float, wind: float, expected: set[str]
+) -> None:
+    """An Otter makes 3.08 m/s, 2.66 m/s into a wind of 8 m/s and 2.32 m/s into one of 12 m/s.
+
+    The gain is so low that the command exceeds that by a few percent only. Errors grow, too, where it makes its command
+    against the wind.
+    """
+    sails = {"kind": "recorded", "samples": [[t, speed * t, 0.0] for t in (0.0, 61.0)]}
+    law = {"gain": 0.02, "feedforward": {}, "control_period": 0.1}
+    flow = {"air": {"dimension": 2, "drift": [-wind, 0.0]}, "water": {"dimension": 2, "drift": [0.0, 0.0]}}
+    fields = {"flow": flow} if wind else {}
+    scenario = lone("otter", [0.0, 0.0], {"motion": sails}, time={"end": 60}, controller=law, **fields)
+    assert tried(scenario) == expected
+
+
+@pytest.mark.parametrize(
+    ("made", "jumps", "wind", "limited"),
+    [(0.98, 0.0, 0.0, 0.0), (0.96, 0.0, 0.0, 1.0), (1.0, 0.5, 0.0, 0.0), (0.98, 0.0, 8.0, 0.0), (0.96, 0.0, 8.0, 1.0)],
+)
+def test_a_saturated_thruster_limits_a_boat_that_makes_less_than_its_command(
+    made: float, jumps: float, wind: float, limited: float
+) -> None:
+    """Of a run, commands are changed: the boat makes a fraction of them, apart from their part against the wind."""
+    flow = {"air": {"dimension": 2, "drift": [-wind, 0.0]}, "water": {"dimension": 2, "drift": [0.0, 0.0]}}
+    sails = {"kind": "recorded", "samples": [[t, t, 0.0] for t in (0.0, 41.0)]}
+    scenario = lone("otter", [0.0, 0.0], {"motion": sails}, flow=flow)
+    data = mjsheaf.simulate(scenario, engine="fused")
+    velocity = np.array([1.0, 0.0, 0.0])
+    data["agent_velocity"].values[:] = velocity
+    data["agent_flow"].values[:] = 0.0
+    held = -scenario.system.drift_in_wind(-velocity[None])[0, :2]
+    assert (np.linalg.norm(held) > 0.05) == (wind > 0.0)
+    data["velocity_command"].values[..., :2] = velocity[:2] / made + held
+    data["velocity_command"].values[::2, ..., 0] += jumps
+    data["velocity_command"].values[1::2, ..., 0] -= jumps
+    data["agent_saturation"].values[:] = 0.5
+    assert trials._limited(scenario.system, data) == limited
+    data["agent_saturation"].values[:] = 0.0
+    assert trials._limited(scenario.system, data) == 0.0
+
+
+def pair_with_errors(first: list[float], second: list[float]) -> tuple[Scenario, xr.Dataset]:
+    """Return two agents that track a target each, and a run in which the errors of each quarter are these, m."""
+    places = {"T": {"position": [0.0, 0.0], "motion": STILL}, "U": {"position": [0.0, 50.0], "motion": STILL}}
+    fields = make_fields(
+        {"A": {"position": [5.0, 0.0], "vehicle": "otter"}, "B": {"position": [5.0, 50.0], "vehicle": "otter"}},
+        places,
+        [["A", "T"], ["B", "U"]],
+        controller={"gain": 0.5},
+        physics={"timestep": 0.01},
+        time={"end": 20},
+    )
+    scenario = mjsheaf.load_scenario(fields)
+    data = mjsheaf.simulate(scenario, engine="fused")
+    for number, errors in enumerate((first, second)):
+        parts = np.array_split(np.arange(data.sizes["time"]), 4)
+        for part, error in zip(parts, errors, strict=True):
+            data["tracking_error"].values[part, number] = error
+    return scenario, data
+
+
+@pytest.mark.parametrize(
+    ("errors", "counts"),
+    [
+        ([8.0, 6.0, 4.0, 3.3], False),
+        ([8.0, 6.0, 4.0, 3.4], True),  # more than half is left after another run
+        ([8.0, 4.0, 6.0, 4.0], True),  # driven away, and on its way back
+        ([8.0, 8.0, 6.0, 4.0], True),
+        ([np.nan] * 4, False),
+    ],
+)
+def test_an_error_that_does_not_fall_throughout_is_compared_with_the_foreseen_one(
+    errors: list[float], counts: bool
+) -> None:
+    scenario, data = pair_with_errors([0.1] * 4, errors)
+    found = list(trials._far_off(scenario.phases, data, 3.0, 0.2))
+    assert [problem.kind for problem in found] == ["far_off"] * counts
+
+
+@pytest.mark.parametrize("other", [[9.0, 6.0, 4.0, 2.0], [np.nan] * 4])
+def test_an_agent_that_approaches_or_is_absent_hides_no_other(other: list[float]) -> None:
+    scenario, data = pair_with_errors([5.0] * 4, other)
+    (problem,) = trials._far_off(scenario.phases, data, 6.5, 0.2)
+    assert "the error is 6.5 m (RMS over agents, second half), and the analysis foresees 0.2 m" in problem.text
+    counted = "agents on their first way to q* aside, it is 3.54 m"
+    assert (counted in problem.text) == (not np.isnan(other).any())
+
+
+@pytest.mark.parametrize(
+    ("error", "largest", "away"),
+    [(0.49, 30.0, False), (0.51, 30.0, True), (0.19, 2.0, False), (0.21, 2.0, True), (0.1, 0.1, True)],
+)
+def test_an_agent_that_has_done_its_way_is_not_stuck(error: float, largest: float, away: bool) -> None:
+    _, data = pair_with_errors([100.0] * 4, [largest, error, error, error])
+    stuck = Stuck(agent=1, start=10.0, end=20.0, asked=0.1, error=error, reason="")
+    assert trials._away([stuck], data) == ([stuck] if away else [])
+
+
+def test_a_boat_that_never_gets_under_way_is_stuck_however_near_it_is() -> None:
+    law = {"gain": 0.4, "velocity_limit": 2}
+    scenario = lone(str(DATA / "skiff.yaml"), [0.0, 0.0], {"position": [-0.4, 0.0]}, controller=law)
+    assert tried(scenario) == {"stuck"}

@@ -143,15 +143,16 @@ def _require_linear(
     speed = float(np.linalg.norm(point.medium))
     if isinstance(model, str):
         why = f"{model} (some push one way only)" if is_one_sided(point.vehicle) else model
-        if speed > point.vehicle.capability.least_speed:
+        blown = " and in its wind" if point.wind.any() else ""
+        # Up to its all-way speed, which is horizontal, in still air, a vehicle holds its place in any horizontal flow,
+        # even if Newton's method finds no equilibrium, for instance where the angles of azimuth thrusters oscillate.
+        known = not blown and abs(float(point.medium[2])) < still
+        if speed >= still and not (known and speed <= point.vehicle.capability.least_speed):
             raise OverpoweredError(
-                f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place"
-                f"{' and in its wind' if point.wind.any() else ''}: {why}"
+                f"{name} cannot hold station in a mean flow of {speed:.3g} m/s relative to its place{blown}: {why}"
             )
-        # Up to its all-way speed, a vehicle holds its place in any flow, even if Newton's method finds no equilibrium,
-        # for instance where the angles of azimuth thrusters oscillate.
         at = "at rest" if speed < still else f"at {speed:.3g} m/s through the medium"
-        raise NoModelError(f"{name} has no linear model {at}: {why}")
+        raise NoModelError(f"{name} has no linear model {at}{blown}: {why}")
     turning = turning_of(point.vehicle)
     if turning is not None and speed < way * turning.speed:
         raise NoModelError(
