@@ -18,14 +18,14 @@ install = $(BIN)/python tools/install.py '$(1)' $(if $(PYTHONDONTWRITEBYTECODE),
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mjsheaf needs Python 3.11 or later; set PYTHON=")'
-	@echo "installing into $(VENV) (about a minute)"
+	@echo "installing into $(VENV) (seconds, or a minute by pip)"
 	@$(PYTHON) -m venv $(VENV)
 	@$(call install,.)
 	@touch $@
 
 # What tests and the site need in addition: a browser's driver, a type checker, dask, Sphinx.
 $(TESTS): $(STAMP)
-	@echo "installing what tests and the site need into $(VENV) (about a minute)"
+	@echo "installing what tests and the site need into $(VENV) (seconds, or a minute by pip)"
 	@$(call install,$(DEVELOPED))
 	@touch $@
 
@@ -75,7 +75,8 @@ test-all: lint compiled
 	MJSHEAF_SEED=$(SEED) $(PYTEST) --hypothesis-profile all --hypothesis-seed $(SEED)
 
 # The site, in build/docs; examples, vehicles and references are made from what runs. Needs no network once installed.
-# REPLAYS names the scenarios whose pages have a replay, and EXAMPLES is a pattern of the examples that run, where not all.
+# REPLAYS names the scenarios whose pages have a replay, and EXAMPLES is a pattern of the examples that run, where not
+# all.
 docs: $(TESTS)
 	$(BIN)/python -m sphinx -W --keep-going -b html docs build/docs
 	@echo "site    build/docs/index.html"

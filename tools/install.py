@@ -54,10 +54,11 @@ def main(package: str) -> int:
         subprocess.run(command, stderr=subprocess.DEVNULL, check=False)
     if uv.exists():
         loud = {name: value for name, value in os.environ.items() if name != "PIP_QUIET"}  # which lists nothing
-        listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, env=loud, check=True).stdout
-        environment = {**os.environ, **settings_for_uv(listed, os.environ)}
+        listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, env=loud, check=False)
+        environment = {**os.environ, **settings_for_uv(listed.stdout, os.environ)}
         command = [str(uv), "pip", "install", "--python", sys.executable, *arguments]
-        if subprocess.run(command, env=environment, check=False).returncode == 0:
+        # Settings that pip cannot read are not known: pip says so itself.
+        if listed.returncode == 0 and subprocess.run(command, env=environment, check=False).returncode == 0:
             return 0
         print("uv could not install everything: pip does", file=sys.stderr)
     return subprocess.run([*PIP, "install", "--no-compile", "--constraint", TESTED, *arguments], check=False).returncode

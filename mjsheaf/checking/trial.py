@@ -149,7 +149,7 @@ def _away(
     stuck: Sequence[Stuck],
     data: xr.Dataset,
     *,
-    behind: float = 0.5,  # m, as in `record._of_slow`
+    behind: float = 0.5,
     share: float = 0.1,
 ) -> list[Stuck]:
     """Return the stuck agents that are away from their places.
@@ -157,6 +157,12 @@ def _away(
     One that has come within half a metre, and within a tenth of its largest error, has done its way: it rests where its
     vehicle cannot follow the small commands that are left, as a boat that cannot go astern. The tenth is for small
     teams and for agents that never got under way, which are stuck however near they are.
+
+    Args:
+        stuck: Agents that are stuck at the end.
+        data: The run.
+        behind: Error above which an agent is away, m; that of agents that fall behind in `record._of_slow`.
+        share: Fraction of its largest error, above which it is, too.
     """
     largest = data["tracking_error"].max("time").values
     return [one for one in stuck if one.error > min(behind, share * largest[one.agent])]

@@ -58,8 +58,8 @@ class Gusts(Moving):
         "from_position",
         description="altitude, 3.048 to 304.8, or from_position: each vehicle's initial height above the surface [m]",
     )
-    standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = Field(  # at low altitude the gusts of both are the same
-        "MIL-F-8785C", description="source of scale lengths and filters"
+    standard: Literal["MIL-F-8785C", "MIL-HDBK-1797"] = Field(
+        "MIL-F-8785C", description="source of scale lengths and filters; at low altitude the gusts of both are the same"
     )
     frozen: bool = Field(
         False,

@@ -159,7 +159,7 @@ def merge(bundles: list[EdgeBundle]) -> list[EdgeBundle]:
 
 def ranges(begin: IntArray, length: IntArray) -> IntArray:
     """Return the numbers from begin[k] up to begin[k] + length[k], range after range."""
-    return np.repeat(begin - np.cumsum(length) + length, length) + np.arange(length.sum())
+    return np.repeat(begin - firsts_of(length), length) + np.arange(length.sum())
 
 
 class Ends(NamedTuple):

@@ -8,8 +8,9 @@ of efforts on the rows surge, sway and yaw, the efforts are those in U that
     2. given that, produce the force nearest to the desired one,
     3. given both, are the smallest,
 
-The priority of 1 over 2 holds up to a fraction of about 1e-3. If w is feasible, the efforts produce it up to 1e-8 of
-what the thrusters make at most. If not, they produce the nearest wrench up to 1e-8, or 1e-4 with thrusters that turn.
+If w is feasible, the efforts produce it up to 1e-8 of what the thrusters make at most. If not, they produce up to 1e-8,
+or 1e-4 with thrusters that turn, the wrench that is nearest where the square of yaw counts 1e5 times: the priority of 1
+over 2 holds up to a fraction of about 1e-3.
 
 The dual problem yields them: u = P(W' y), the point of U nearest to W' y, where y minimises a convex function with the
 gradient W P(W' y) - w. y has three components whatever the number of thrusters. Each round minimises that function plus
@@ -204,8 +205,8 @@ def allocate_nearest(channels, scale, force, yaw, effort):
             return
         # What is missing, r = w - W u, is E d with d = y - y0. The slope of the dual function along d rises to the one
         # far away, where W u goes as far along d as efforts allow. So if it stays negative there, all efforts leave at
-        # least last/slope of r, in the norm of E^-1. If it stays the same, all u on the ray are the
-        # same, and the rounds would go along it for ever.
+        # least last/slope of r, in the norm of E^-1. If it stays the same, all u on the ray are the same, and the
+        # rounds would go along it for ever.
         d = subtract(dual, start)
         point, slope = _plus(dual, _FAR * max(1.0, 1.0 / _size(d)), d), _dot(residual, d)
         last = _dot(subtract(_make_wrench(channels, point, effort), wrench), d)

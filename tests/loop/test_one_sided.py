@@ -104,6 +104,10 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
     assert abs(made[2] - np.clip(wanted[2], *reach)) <= 2e-3 * size + 1e-9  # yaw comes first
     norm = np.linalg.norm(W, axis=1)
     scale = np.divide(1.0, norm, out=np.zeros(3), where=norm > 1e-9)
+    weight = scale * [1.0, 1.0, 1e5**0.5]  # of the program
+    goal = weight * [*wanted[:2], np.clip(wanted[2], *reach)]
+    nearest = W @ lsq_linear(weight[:, None] * W, goal, (low, high), method="bvls", tol=1e-14, max_iter=500).x
+    assert (np.abs(made - nearest) <= 1e-8 * (np.abs(W) @ np.maximum(-low, high)) + 1e-9).all()
     weight = scale * [1.0, 1.0, 1e4]
     best = lsq_linear(weight[:, None] * W, weight * [*wanted[:2], made[2]], (low, high), method="bvls", tol=1e-13).x
     off, least = (np.linalg.norm(scale[:2] * (W[:2] @ u - wanted[:2])) for u in (effort, best))
