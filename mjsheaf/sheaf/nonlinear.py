@@ -489,46 +489,63 @@ class _Arrays:
     directed: bool
     conservative: bool
 
+    @cached_property
+    def _edge(self) -> IntArray:
+        """Edge of each row, shape (m,)."""
+        return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
+
+    @cached_property
+    def _share(self) -> Array:
+        """Share of each row in its edge, shape (m,)."""
+        return 1.0 / np.diff(self.first)[self._edge]
+
+    @cached_property
+    def _later(self) -> list[tuple[IntArray, IntArray]]:
+        """For r = 1, 2, ...: the edges of more than r rows, and their row r."""
+        first, sizes = self.first[:-1], np.diff(self.first)
+        longer = [np.flatnonzero(sizes > r) for r in range(1, sizes.max(initial=0))]
+        return [(edges, first[edges] + r) for r, edges in enumerate(longer, 1)]
+
     def edge_totals(self, values: Array) -> Array:
         """Return the sum over the rows of each edge, shape (..., E), of values of every row, shape (..., m).
 
         The order is that of numpy's reduceat, which takes four times as long over a short axis.
         """
         first = self.first[:-1]
-        sizes = np.diff(self.first)
         rest = np.full((*values.shape[:-1], len(first)), -0.0)
-        for r in range(1, sizes.max(initial=0)):
-            rest[..., sizes > r] += values[..., first[sizes > r] + r]
+        for edges, rows in self._later:
+            rest[..., edges] += values[..., rows]
         return np.asarray(values[..., first] + rest)
 
     def totals(self, values: Array) -> Array:
         """Return the sum over the rows of each edge in each of them, shape (..., m)."""
-        return np.repeat(self.edge_totals(values), np.diff(self.first), axis=-1)
+        return np.asarray(self.edge_totals(values)[..., self._edge])
 
     def lengths(self, z: Array) -> Array:
         """Return abs(z) of the edge of each row, shape (..., m)."""
         return np.sqrt(self.totals(z * z))
 
-    def directions(self, z: Array) -> tuple[Array, Array]:
-        """Return g and 1 / abs(z) of each row; 0 where abs(z) is 0."""
+    def directions(self, z: Array) -> tuple[Array, Array, Array]:
+        """Return g, 1 / abs(z) and abs(z) of each row; the first two are 0 where the last is."""
         length = self.lengths(z)
         inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
-        return z * inverse, inverse
+        return z * inverse, inverse, length
 
     def measured(self, z: Array) -> Array:
         """Return h of the edge of each row, shape (..., m): a range in each of its rows, of positions g."""
-        return np.where(self.code == 1, self.lengths(z), self.directions(z)[0])
+        g, _, length = self.directions(z)
+        return np.where(self.code == 1, length, g)
 
     def pull(self, z: Array) -> Array:
         """Return c, shape (m,)."""
-        g, inverse = self.directions(z)
+        g, inverse, _ = self.directions(z)
         borne = np.where(inverse > 0.0, self.totals(g * self.desired) * g - self.desired, 0.0)
         nonlinear = self.weight * np.where(self.code == 1, z - self.desired * g, borne)
         return self.product(self.K, z + self.desired) + nonlinear
 
     def slope(self, z: Array, desired: Array) -> Array:
         """Return the blocks of S = dc/dz, shape (P,), for desired values (m,); those of M for the values measured."""
-        g, inverse = self.directions(z)
+        g, inverse, _ = self.directions(z)
         r, s = self.pairs
         outer = g[r] * g[s]
         across = (r == s) - outer
@@ -549,8 +566,8 @@ class _Arrays:
     def residual(self, z: Array) -> float:
         """Return the K-norm of h - h* over all edges."""
         e = z + self.desired
-        scale = np.where(self.code == 1, 1.0 / self.totals(np.ones(len(z))), self.lengths(z))
-        squares = scale * (self.measured(z) - self.desired) ** 2
+        g, _, length = self.directions(z)
+        squares = np.where(self.code == 1, self._share * (length - self.desired) ** 2, length * (g - self.desired) ** 2)
         return float(np.sqrt(e @ self.product(self.K, e) + self.weight @ squares))
 
 
@@ -687,7 +704,12 @@ class StationarySolver:
     def _jacobian(self, z: Array, desired: Array) -> sparse.csr_array | Array:
         """Return D^T S D, shape (n_W, n_W); see `_Arrays.slope`."""
         arrays = self.arrays
-        return self._pulled @ self._form(arrays.matrix(arrays.slope(z, desired))) @ self._moved
+        blocks = arrays.slope(z, desired)
+        if isinstance(self._moved, np.ndarray):
+            S = np.zeros((len(z), len(z)))
+            S[tuple(arrays.pairs)] = blocks
+            return np.asarray(self._pulled @ S @ self._moved)
+        return sparse.csr_array(self._pulled @ arrays.matrix(blocks).tocsr() @ self._moved)
 
     def _settled(self, x: Array) -> Settled:
         """Return x (n_W,) with its residual, and whether it is stationary."""

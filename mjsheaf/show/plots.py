@@ -85,7 +85,8 @@ def settle(figure: Figure) -> None:
     """Fix where everything is, so that names can be placed; what is added later takes no more room."""
     if figure.get_layout_engine() is not None:
         lay_out(figure)
-        figure.set_layout_engine("none")
+        with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)  # the engine "none" would make savefig draw twice
 
 
 def lay_out(figure: Figure) -> None:
