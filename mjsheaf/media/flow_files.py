@@ -277,7 +277,7 @@ def _selected(part: xr.DataArray, select: tuple[tuple[str, float | str], ...]) -
         if equal.sum() != 1:
             raise InputError(f"select: {name} has no {value!r}; expected one of {_shown(values)}")
         dims = (name,) if axis is None else axis.dims
-        gone = [str(c) for c in part.coords if part[c].dims == dims and _is_vertical(part, part[c])]
+        gone = [vertical for vertical, other in _vertical_axes(part).items() if other.dims == dims]
         part = part.isel(dict.fromkeys(dims, int(np.argmax(equal)))).drop_vars(gone)
     return part, used
 
@@ -301,20 +301,23 @@ def _refuse_axis(part: xr.DataArray, name: str) -> None:
     )
 
 
-def _is_vertical(part: xr.DataArray, axis: xr.DataArray) -> bool:
-    """Return True for an axis of depth, height, pressure, density or layers."""
-    if axis.name in coordinates_of(part, "vertical", "Z"):
-        return True
-    if (
-        axis.name in coordinates_of(part, "X", "Y", "T", "time", "latitude", "longitude")
-        or axis.dtype.kind not in "fiu"
-    ):
-        return False
-    return (
-        converts(axis.attrs.get("units"), "Pa")
-        or converts(axis.attrs.get("units"), "m")
-        or _HEIGHTS.fullmatch(str(axis.name)) is not None
-    )
+def _vertical_axes(part: xr.DataArray) -> dict[str, xr.DataArray]:
+    """Return the axes of depth, height, pressure, density and layers, by their names."""
+    vertical = coordinates_of(part, "vertical", "Z")
+    others = coordinates_of(part, "X", "Y", "T", "time", "latitude", "longitude")
+
+    def is_vertical(axis: xr.DataArray) -> bool:
+        if axis.name in vertical:
+            return True
+        if axis.name in others or axis.dtype.kind not in "fiu":
+            return False
+        return (
+            converts(axis.attrs.get("units"), "Pa")
+            or converts(axis.attrs.get("units"), "m")
+            or _HEIGHTS.fullmatch(str(axis.name)) is not None
+        )
+
+    return {str(c): part[c] for c in part.coords if is_vertical(part[c])}
 
 
 def _at_depth(part: xr.DataArray, depth: float, medium: Medium | None, notes: list[str]) -> xr.DataArray:
@@ -323,7 +326,7 @@ def _at_depth(part: xr.DataArray, depth: float, medium: Medium | None, notes: li
     Raises:
         InputError: Its vertical axis is not understood, or does not reach there.
     """
-    axes = {str(c): part[c] for c in part.coords if part[c].ndim < 2 and _is_vertical(part, part[c])}
+    axes = {name: axis for name, axis in _vertical_axes(part).items() if axis.ndim < 2}
     along_dims = {name: axis for name, axis in axes.items() if axis.ndim}
     deciding = along_dims or axes
     levels = {name: found for name, axis in deciding.items() if (found := _distances(axis, medium)) is not None}

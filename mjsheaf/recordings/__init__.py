@@ -75,7 +75,7 @@ def read_positions(path: str, selection: Selection | None = None, **fields: Any)
     """
     name = shortened(path, 100) or "''"
     place = Path(path)
-    of_bag = (place / "metadata.yaml").is_file()
+    of_bag = os.path.isfile(place / "metadata.yaml")  # False also for a name that no file can have
     module, function = _READERS[".bag"] if of_bag else _READERS.get(place.suffix.lower(), ("tables", "read_table"))
     read: Callable[[Path, Selection], Rows] = getattr(import_module(f"mjsheaf.recordings.{module}"), function)
     try:
