@@ -495,11 +495,6 @@ class _Arrays:
         return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
 
     @cached_property
-    def _share(self) -> Array:
-        """Share of each row in its edge, shape (m,)."""
-        return 1.0 / np.diff(self.first)[self._edge]
-
-    @cached_property
     def _later(self) -> list[tuple[IntArray, IntArray]]:
         """For r = 1, 2, ...: the edges of more than r rows, and their row r."""
         first, sizes = self.first[:-1], np.diff(self.first)
@@ -567,7 +562,8 @@ class _Arrays:
         """Return the K-norm of h - h* over all edges."""
         e = z + self.desired
         g, _, length = self.directions(z)
-        squares = np.where(self.code == 1, self._share * (length - self.desired) ** 2, length * (g - self.desired) ** 2)
+        scale = np.where(self.code == 1, 1.0 / np.diff(self.first)[self._edge], length)
+        squares = scale * (np.where(self.code == 1, length, g) - self.desired) ** 2
         return float(np.sqrt(e @ self.product(self.K, e) + self.weight @ squares))
 
 
