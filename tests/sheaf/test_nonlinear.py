@@ -11,15 +11,8 @@ from numpy.typing import NDArray
 
 from mjsheaf import NonlinearSheaf, Sheaf
 from mjsheaf.errors import SheafError
+from tests.oracles.frameworks import FRAMEWORKS, TETRAHEDRON, TRIANGLE, complete
 from tests.strategies import exact_rank
-
-HALF = 3**0.5 / 2
-TRIANGLE = [(0, 0), (1, 0), (0.5, HALF)]
-SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
-TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0.5, HALF, 0), (0.5, HALF / 3, (2 / 3) ** 0.5)]
-CUBE = list(itertools.product((0, 1), repeat=3))
-RING = [(0, 1), (1, 2), (2, 3), (3, 0)]
-SIDES = [(i, j) for i, j in itertools.combinations(range(8), 2) if np.abs(np.subtract(CUBE[i], CUBE[j])).sum() == 1]
 
 
 def framework(points: Any, edges: Any, measures: Any) -> tuple[NonlinearSheaf, NDArray[np.float64]]:
@@ -35,25 +28,9 @@ def framework(points: Any, edges: Any, measures: Any) -> tuple[NonlinearSheaf, N
     return sheaf, x.ravel()
 
 
-@pytest.mark.parametrize(
-    ("points", "edges", "measures", "rank", "rate"),
-    [
-        (TRIANGLE, list(itertools.combinations(range(3), 2)), "range", 3, 1.5),
-        (TRIANGLE, list(itertools.combinations(range(3), 2)), "bearing", 3, 1.5),
-        (SQUARE, [*RING, (0, 2)], "range", 5, 0.585786),
-        (SQUARE, [*RING, (0, 2)], "bearing", 5, 0.482362),
-        (SQUARE, list(itertools.combinations(range(4), 2)), "range", 5, 2.0),
-        (SQUARE, list(itertools.combinations(range(4), 2)), "bearing", 5, 1.414214),
-        (TETRAHEDRON, list(itertools.combinations(range(4), 2)), "range", 6, 1.0),
-        (TETRAHEDRON, list(itertools.combinations(range(4), 2)), "bearing", 8, 2.0),
-        (SQUARE, RING, "range", 4, None),
-        (SQUARE, RING, "bearing", 4, None),
-        (CUBE, [*SIDES, (0, 7)], "range", 13, None),
-        (CUBE, [*SIDES, (0, 7)], "bearing", 20, 0.206490),
-    ],
-)
+@pytest.mark.parametrize(("points", "edges", "measures", "rank", "needed", "rate"), FRAMEWORKS)
 def test_ranks_and_rates_of_known_frameworks(
-    points: Any, edges: Any, measures: str, rank: int, rate: float | None
+    points: Any, edges: Any, measures: str, rank: int, needed: int, rate: float | None
 ) -> None:
     """They are those of the literature; H is the Laplacian of the Jacobian sheaf."""
     sheaf, x = framework(points, edges, measures)
@@ -144,7 +121,7 @@ def test_an_extension_from_nearby_finds_the_exact_shape(seed: int, measures: str
     """With two vertices held, a complete graph has the shape that it had."""
     rng = np.random.default_rng(seed)
     points = np.array([*TRIANGLE, (0.2, 1.4), (1.5, 1.1)]) + rng.uniform(-0.1, 0.1, (5, 2))
-    sheaf, x = framework(points, list(itertools.combinations(range(5), 2)), measures)
+    sheaf, x = framework(points, complete(5), measures)
     start = x + rng.uniform(-0.1, 0.1, len(x))
     found = sheaf.harmonic_extension({0: points[0], 1: points[1]}, start)
     assert found.unique
@@ -192,7 +169,7 @@ def test_the_energy_is_that_of_the_misfits(seed: int) -> None:
 def test_bearings_keep_centroid_and_size(seed: int, scale: float) -> None:
     """From any start an extension with nothing held is the shape, with the size and the centroid of the start."""
     rng = np.random.default_rng(seed)
-    sheaf, x = framework(TETRAHEDRON, list(itertools.combinations(range(4), 2)), "bearing")
+    sheaf, x = framework(TETRAHEDRON, complete(4), "bearing")
     start = x + rng.normal(scale=scale, size=len(x))
     found = sheaf.harmonic_extension({}, start)
     assert found.energy < 1e-12
