@@ -234,13 +234,13 @@ def test_feedforward_of_ranges_and_bearings_is_the_velocity_of_q_star(measures: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("measures", ["range", "bearing"])
-def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(measures: str) -> None:
+def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(measures: str, in_python: None) -> None:
     """With exact rounds and targets at rest every error falls by 1 - k1 h a period, near q* to first order."""
     still = list_members(PLACES_OF_TARGETS)
-    scenario = tracking(measures, {"newton": {"rounds": 60}}, offset=(1e-4, -2e-4), targets=still)
+    scenario = tracking(measures, {"newton": {"rounds": 60}}, offset=(1e-4, -2e-4), targets=still, time={"end": 2.0})
     run = mjsheaf.simulate(scenario, backend="ideal")
     error = run.tracking_error.values
-    assert error[100] == pytest.approx(error[0] * 0.98**100, rel=2e-3)
+    assert error[-1] == pytest.approx(error[0] * 0.98**100, rel=2e-3)
     assert mjsheaf.check(scenario, trial=False)["law"]["spectral_radius"] == pytest.approx(0.98, abs=1e-9)
 
 
@@ -296,7 +296,7 @@ def test_rounds_expect_bearings_at_half_the_distance_of_q_star_whatever_they_wei
 
 @pytest.mark.slow(each=True)
 @pytest.mark.parametrize("measures", ["range", "bearing"])
-def test_rounds_of_agents_in_one_place_are_finite(measures: str) -> None:
+def test_rounds_of_agents_in_one_place_are_finite(measures: str, in_python: None) -> None:
     """An edge without a direction counts with M = 0; a third agent pulls the two apart or leaves them there."""
     agents = list_members(PLACES_OF_TRACKERS | {id: [1.0, 1.0] for id in "AB"})
     terms = {"newton": {"rounds": 4}, "feedforward": {"rounds": 4}}
