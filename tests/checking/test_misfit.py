@@ -98,7 +98,8 @@ def test_the_loop_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, dire
         if not is_settled(scenario):
             continue
         decided += 1
-        loop, measured = loop_of(scenario.system.local), factors(scenario).max()
+        loop = loop_of(scenario.system.local)
+        measured = factors(scenario).max()
         stated, decay = (-np.log(radius) / PERIOD for radius in (loop.radius, measured))
         assert stated == pytest.approx(decay, rel=0.02, abs=1e-6), seed
         if loop.stable_gains is None:

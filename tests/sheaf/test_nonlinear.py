@@ -15,15 +15,19 @@ from tests.oracles.frameworks import FRAMEWORKS, TETRAHEDRON, TRIANGLE, complete
 from tests.strategies import exact_rank
 
 
+def desired_of(measures: str, z: Any) -> Any:
+    """Return the value of an edge whose head is at z from its tail; edges of positions desire -z."""
+    length = np.linalg.norm(z)
+    return {"position": -z, "range": [length], "bearing": z / length}[measures]
+
+
 def framework(points: Any, edges: Any, measures: Any) -> tuple[NonlinearSheaf, NDArray[np.float64]]:
     """Return the sheaf of points whose desired values are those that they have, and where they are."""
     x = np.array(points, dtype=np.float64)
     n, d = x.shape
     sheaf = NonlinearSheaf({v: d for v in range(n)})  # noqa: C420 - typed
     for i, j in edges:
-        z = x[j] - x[i]
-        length = np.linalg.norm(z)
-        desired = [length] if measures == "range" else z / length
+        desired = desired_of(measures, x[j] - x[i])
         sheaf.add_edge(i, j, np.eye(d), np.eye(d), measures=measures, desired=desired)
     return sheaf, x.ravel()
 
@@ -87,8 +91,7 @@ def test_the_jacobian_sheaf_has_the_residuals_and_the_slope(seed: int) -> None:
     maps = {"a": np.eye(3, 2), "b": np.eye(3), "c": np.eye(3)}
     kinds: list[Any] = ["range", "bearing", "position"] * 2
     for (i, j), measures in zip(itertools.permutations("abc", 2), kinds, strict=True):
-        b = rng.normal(size=3)
-        desired: Any = {"range": [1.3], "bearing": b / np.linalg.norm(b), "position": b}[measures]
+        desired = desired_of(measures, rng.normal(size=3))
         weight = float(rng.uniform(0.5, 2.0))
         sheaf.add_edge(i, j, maps[i], maps[j], measures=measures, desired=desired, weight=weight, lift=lift)
     x = rng.normal(size=8)
@@ -100,13 +103,7 @@ def test_the_jacobian_sheaf_has_the_residuals_and_the_slope(seed: int) -> None:
 
     def measured(x: Any) -> NDArray[np.float64]:
         """Return h of every edge."""
-        kinds = {
-            "position": lambda z: -z,
-            "range": lambda z: [np.linalg.norm(z)],
-            "bearing": lambda z: z / np.linalg.norm(z),
-        }
-        each = [kinds[e.measures](z) for e, z in zip(sheaf.edges, sheaf.relative(x), strict=True)]
-        return np.concatenate(each)
+        return np.concatenate([desired_of(e.measures, z) for e, z in zip(sheaf.edges, sheaf.relative(x), strict=True)])
 
     slope = (measured(x + 1e-6 * v) - measured(x - 1e-6 * v)) / 2e-6
     sign = np.concatenate(
@@ -139,13 +136,7 @@ def test_the_energy_is_that_of_the_misfits(seed: int) -> None:
     sheaf = NonlinearSheaf({v: 3 for v in range(4)})  # noqa: C420 - typed
     terms: list[Any] = []
     for (i, j), kind in zip(itertools.combinations(range(4), 2), ["range", "bearing", "position"] * 2, strict=True):
-        error = rng.uniform(-0.1, 0.1, 3)
-        length, direction = np.linalg.norm(x[j] - x[i]), x[j] - x[i] + error
-        desired: Any = {
-            "range": [length + error[0]],
-            "bearing": direction / np.linalg.norm(direction),
-            "position": x[i] - x[j] + error,
-        }[kind]
+        desired = desired_of(kind, x[j] - x[i] + rng.uniform(-0.1, 0.1, 3))
         weight = float(rng.uniform(0.5, 2.0))
         sheaf.add_edge(i, j, np.eye(3), np.eye(3), measures=kind, desired=desired, weight=weight)  # type: ignore[arg-type]
         terms.append((i, j, kind, np.asarray(desired), weight))
