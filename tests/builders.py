@@ -184,8 +184,8 @@ def _two_behind(
 def boat_and_drone(end: float = 3.0, /, **fields: Any) -> Scenario:
     """A boat and a drone after a drone; fields replace fields."""
     usual = {"name": "boat_and_drone", "time": {"end": end}, "communication": [["A", "B"]]}
-    members = {"A": [0, 0], "B": [3, 0, 2]}, {"T": [5, 1, 2]}
-    return build_scenario(*members, [["A", "T"], ["B", "T"]], **(usual | fields))
+    sensing = [["A", "T"], ["B", "T"]]
+    return build_scenario({"A": [0, 0], "B": [3, 0, 2]}, {"T": [5, 1, 2]}, sensing, **(usual | fields))
 
 
 def continued(scenario: Scenario, run: xr.Dataset, sample: int, **fields: Any) -> Scenario:
