@@ -25,6 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate._ivp import dop853_coefficients as dop
 from scipy.interpolate import BSpline, PPoly, make_interp_spline
+from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -444,20 +445,9 @@ def _maps(edge: dict[str, Any], tail: dict[str, Any], n_i: int, n_j: int) -> tup
     R = np.eye(m)
     if name == "local_frame":
         frame = tail.get("frame", {"yaw": tail.get("heading") or 0.0})
-        yaw, pitch, roll = (np.deg2rad(frame.get(k, 0.0)) for k in ("yaw", "pitch", "roll"))
-        if m == 2:
-            turn = _turn(yaw, 2)[:2, :2]
-        else:
-            turn = _turn(yaw, 2) @ _turn(pitch, 1) @ _turn(roll, 0)
-        R = turn.T
+        angles = [frame.get(name, 0.0) * (name == "yaw" or m == 3) for name in ("yaw", "pitch", "roll")]
+        R = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix().T[:m, :m]
     return R @ np.eye(m, n_i), R @ np.eye(m, n_j)
-
-
-def _turn(angle: float, axis: int) -> Array:
-    """Rotation about a coordinate axis, by Rodrigues' formula."""
-    k = np.eye(3)[axis]
-    cross = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def _field(raw: dict[str, Any], v: int, N: int) -> tuple[Array, list[list[float]]]:

@@ -21,9 +21,8 @@ from tests.builders import make_fields, random_scenario
 from tests.checking import oracle
 from tests.checking.adversarial import FAMILIES, REPORTED, TEAMS, adversarial_scenario, family_of
 from tests.checking.study import BASELINE, BROKEN, Judgement, judge, row_of, table
-from tests.checking.test_flow_bounds import random_field
 from tests.checking.test_theorem import CERTIFIED
-from tests.commands import Answer, Capture
+from tests.commands import Capture
 from tests.running import run_ideal
 from tests.strategies import tried
 
@@ -142,72 +141,16 @@ def test_random_teams_keep_their_certificates_at_the_same_gain(capsys: Capture) 
     assert len(refused) <= (1.0 - KEPT_OF_RANDOM) * len(seeds)
 
 
-@pytest.mark.long
-def test_shipped_scenarios_keep_their_verdicts(checked: Callable[[str], Answer]) -> None:
-    """An undecided verdict may become decided; over a guessed region assumptions 1 and 7 are both undecided.
-
-    If an assumption fails or is undecided, nothing is claimed, and the check is not ok.
-    """
-    for name, before in _baseline()["shipped"].items():
-        now, guessed = json.loads(checked(name).out), before["verdicts"][6] == "undecided"
-        verdicts = [assumption["verdict"] for assumption in now["assumptions"]]
-        for number, (was, verdict) in enumerate(zip(before["verdicts"], verdicts, strict=True), start=1):
-            decided_later = was == "undecided"
-            undecided_now = number == 1 and guessed and verdict == "undecided"
-            assert verdict == was or decided_later or undecided_now, (name, number, was, verdict)
-        all_hold = set(verdicts) == {"holds"}
-        assert now["ok"] == all_hold, name
-        assert now["theorem"]["applies"] == (before["applies"] and all_hold), name
-
-
 # -- the oracle itself ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(20))
-def test_the_oracles_flow_is_the_packages(seed: int) -> None:
-    """Whose own oracle is in the tests of media: formulas."""
-    rng = np.random.default_rng(seed)
-    n = 2 + seed % 2
-    field = random_field(rng, n).model_dump(mode="json", exclude_none=True)
-    law = {"gain": 1.0, "control_period": 0}
-    fields = {"time": {"end": 1.0}, "controller": law, "flow": {"agents": field}}
-    raw = make_fields({"A": [0.0] * n}, {"T": [1.0] * n}, [["A", "T"]], **fields)
-    loop, _, _ = oracle.loop_of(raw)
-    flow, w = scenario_from_mapping(raw).system.flows[0], np.zeros(3)
-    for x in rng.uniform(-3, 3, (50, 3)):
-        x[n:] = 0.0
-        oracle.flow(loop, 0, x, w)
-        atol = 1e-14 * (1.0 + float(np.linalg.norm(w)))
-        np.testing.assert_allclose(w[:n], flow.velocity(x[:n]), rtol=1e-12, atol=atol)
-
-
-@pytest.mark.long
-def test_the_oracles_references_pass_through_their_points_with_their_velocities() -> None:
-    points = [[1.0, 2.0], [4.0, -1.0], [3.0, 3.0]]
-    for closed in (False, True):
-        motion = {"kind": "waypoints", "points": points, "speed": 2.0, "closed": closed}
-        target = {"position": [0.0, 0.0], "motion": motion}
-        time = {"start": 1.0, "end": 9.0}
-        raw = make_fields({"A": [0.0, 0.0]}, {"T": target}, [["A", "T"]], time=time, controller={"gain": 1.0})
-        loop, _, _ = oracle.loop_of(raw)
-        path = np.array([[0.0, 0.0], *points, *([[0.0, 0.0]] if closed else [])])
-        times = 1.0 + np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))]) / 2.0
-        r, dr, after, _ = np.zeros((4, 3))
-        for t, point in zip(times, path, strict=True):
-            oracle.reference(loop, 1, t, r, dr)
-            np.testing.assert_allclose(r[:2], point, atol=1e-9)
-        for t in np.linspace(times[0] + 0.01, times[-1] + 3.0, 100):
-            oracle.reference(loop, 1, t + 1e-5, after, dr)
-            oracle.reference(loop, 1, t - 1e-5, r, dr)
-            difference = (after - r) / 2e-5
-            oracle.reference(loop, 1, t, r, dr)
-            np.testing.assert_allclose(dr, difference, atol=1e-4)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [1, 2, 11, 14, 15, 16, 17, 29, 33])
+@pytest.mark.parametrize("seed", [1, 2, 6, 8, 9, 11, 13, 14, 15, 16, 17, 26, 29, 33, 35, 46, 49, 129])
 def test_the_oracle_agrees_with_the_ideal_backend(seed: int) -> None:
+    """Every kind of kernel in the plane and in space, frames, weights, limits and holds, open paths and closed ones.
+
+    The last goes round its path more than once.
+    """
     raw = adversarial_scenario(seed)
     truth = oracle.solve(raw)
     system = scenario_from_mapping(raw).system

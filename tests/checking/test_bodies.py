@@ -124,48 +124,45 @@ def test_check_refuses_the_ring(tmp_path: Path, capsys: Capture) -> None:
     assert "stable" in capsys.readouterr().out
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("vehicles", "drift", "headings"),
-    [
-        (["otter", "wamv", "quadrotor"], [0.5, 0.3, 0.0], [120, 60, 0]),
-        (["otter", "x500", "otter"], None, [0, 0, 90]),
-        (["otter", "wamv", "quadrotor", "hull"], None, [30, -40, 0, 90]),
-        (["quadrotor", "hexarotor", "wamv"], None, []),
-        (["wamv", RAFT, "otter"], [0.3, 0.0], [10, 20, 30]),
-        (["hexarotor", "x500", "hexarotor"], [2.0, -1.0, 0.0], [0, 50, -70]),
-        (["quadrotor"] * 2, [4.0, 2.0, 0.5], []),
-        (["otter"] * 3, [0.5, 0.3], [0, 0, 120]),
-        (["wamv"] * 2, [0.8, 0.5], [0, 60]),
-    ],
-)
-def test_mixed_teams_swing_up_where_check_says(
-    vehicles: list[str], drift: list[float] | None, headings: list[float]
-) -> None:
-    """Also alike ones, in a flow."""
-    hold_against_simulation(chain(vehicles, drift, headings=headings), drift)
-
-
 TERMS: list[dict[str, Any]] = [
     {"newton": {"rounds": 2}},
     {"newton": {"rounds": 1}, "integral": {"gain": 0.01}},
     {"integral": {"gain": 0.1}},
     {"newton": {"rounds": 3}, "feedforward": {"rounds": 2}, "drift": {}},
 ]
+VEHICLES = ["hexarotor", "quadrotor", "x500", "wamv", "otter", "hull", "aerial", "submersible", RAFT]
+PERIODS = [0.02, 0.1, 0.0]
+"""Each vehicle is tried with one of these, and with all of them in `make test-all`."""
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("vehicles", "terms"),
+    ("vehicles", "drift", "options"),
     [
-        *((["quadrotor"] * 3, terms) for terms in (TERMS[0], TERMS[2], TERMS[3])),
-        *((["otter", "wamv", "x500"], terms) for terms in (TERMS[0], TERMS[2], TERMS[3])),
-        (["quadrotor"] * 3, {"gain": 1.0, "newton": {"rounds": 1}, "integral": {"gain": 0.3}}),
+        (["otter", "wamv", "quadrotor"], [0.5, 0.3, 0.0], {"headings": [120, 60, 0]}),
+        (["otter", "x500", "otter"], None, {"headings": [0, 0, 90]}),
+        (["otter", "wamv", "quadrotor", "hull"], None, {"headings": [30, -40, 0, 90]}),
+        (["quadrotor", "hexarotor", "wamv"], None, {}),
+        (["wamv", RAFT, "otter"], [0.3, 0.0], {"headings": [10, 20, 30]}),
+        (["hexarotor", "x500", "hexarotor"], [2.0, -1.0, 0.0], {"headings": [0, 50, -70]}),
+        (["quadrotor"] * 2, [4.0, 2.0, 0.5], {}),
+        (["otter"] * 3, [0.5, 0.3], {"headings": [0, 0, 120]}),
+        (["wamv"] * 2, [0.8, 0.5], {"headings": [0, 60]}),
+        *((["quadrotor"] * 3, None, terms) for terms in (TERMS[0], TERMS[2], TERMS[3])),
+        *((["otter", "wamv", "x500"], None, terms) for terms in (TERMS[0], TERMS[2], TERMS[3])),
+        (["quadrotor"] * 3, None, {"gain": 1.0, "newton": {"rounds": 1}, "integral": {"gain": 0.3}}),
+        *(
+            ([vehicle] * 2, None, {"period": PERIODS[(k + j) % 3]})
+            for k, vehicle in enumerate(VEHICLES)
+            for j in range(tried(3, 1))
+        ),
     ],
 )
-def test_terms_swing_up_where_check_says(vehicles: list[str], terms: dict[str, Any]) -> None:
-    """Alike vehicles by modes, and unlike ones whole."""
-    hold_against_simulation(chain(vehicles, **terms))
+def test_teams_swing_up_where_check_says(
+    vehicles: list[str], drift: list[float] | None, options: dict[str, Any]
+) -> None:
+    """Every vehicle, mixed teams in a flow, and laws with terms: of alike vehicles by modes, of unlike ones whole."""
+    hold_against_simulation(chain(vehicles, drift, **options), drift)
 
 
 @pytest.mark.slow
@@ -192,20 +189,6 @@ def test_over_links_with_unlike_delays_nothing_is_said() -> None:
     loop = loop_of({**chain(["quadrotor"] * 2), "links": {"sensing": {"delay": 0.1}}})
     assert (loop.stable, loop.stable_over_exact_links) == (None, True)
     assert "delayed" in loop.reason
-
-
-VEHICLES = ["hexarotor", "quadrotor", "x500", "wamv", "otter", "hull", "aerial", "submersible", RAFT]
-PERIODS = [0.02, 0.1, 0.0]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("vehicle", "period"),
-    [(vehicle, PERIODS[(k + j) % 3]) for k, vehicle in enumerate(VEHICLES) for j in range(tried(3, 1))],
-)
-def test_every_vehicle_swings_up_where_check_says(vehicle: str, period: float) -> None:
-    """Each with one of the periods, and with all of them in `make test-all`."""
-    hold_against_simulation(chain([vehicle] * 2, period=period))
 
 
 @pytest.mark.slow

@@ -1,12 +1,13 @@
 """Effects of single losses.
 
-Oracle: each edge and agent taken out of a fresh team, which is then checked again: components by union, targets by
+Oracle: each edge and agent taken out of a fresh team, which is then checked again: components by networkx, targets by
 looking, uniqueness and lambda_min from its own Dirichlet problem.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -19,11 +20,10 @@ from tests.strategies import shared_teams, tried, whole_number_teams
 
 
 def reach(team: Team) -> dict[str, set[str]]:
-    root = {a: a for a in team.agent_ids}
-    for e in team.communication:
-        a, b = root[e.tail], root[e.head]
-        root = {v: a if r == b else r for v, r in root.items()}
-    return {a: {b for b in root if root[b] == root[a]} for a in root}
+    """The part of the communication graph that each agent is in."""
+    graph = nx.Graph(e.between for e in team.communication)
+    graph.add_nodes_from(team.agent_ids)
+    return {agent: part for part in nx.connected_components(graph) for agent in part}
 
 
 def newly_free(before: Team, after: Team) -> bool:

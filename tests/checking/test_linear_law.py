@@ -1,17 +1,18 @@
 """The linear model of the law, read off the compiled stages, against its dynamics derived by hand.
 
-Oracles: the recursions in `derived_law`; terms added behind the compiled law. Its loops with vehicles, and with delays,
+Oracles: its recursions (`DerivedLaw`); terms added behind the compiled law. Its loops with vehicles, and with delays,
 are held against runs in `test_oracle`.
 """
 
+import itertools
 from collections.abc import Callable
-from itertools import combinations
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.polynomial.chebyshev import chebroots
-from scipy.signal import lfilter
+from scipy.signal import lfilter, ss2tf
 
 import mjsheaf
 from mjsheaf.arrays import Array
@@ -31,10 +32,10 @@ from mjsheaf.checking.loop.links import largest_delay
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.errors import UndecidedError
 from mjsheaf.law.law import new_memory
+from mjsheaf.law.terms import TermArrays
 from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import known, random_scenario
-from tests.checking.derived_law import DerivedLaw
 
 TERMS: dict[str, dict[str, Any]] = {
     "feedforward": {"rounds": 2, "filter": 0.02, "extrapolate": True},
@@ -42,7 +43,100 @@ TERMS: dict[str, dict[str, Any]] = {
     "drift": {"filter": 0.1},
     "integral": {"gain": 0.2},
 }
-LAWS = [chosen for size in range(5) for chosen in combinations(TERMS, size)]
+LAWS = [chosen for size in range(5) for chosen in itertools.combinations(TERMS, size)]
+
+
+@dataclass(frozen=True)
+class DerivedLaw:
+    """The law by its formulas, for eigenvalues of H (L,), a gain, 1/s, a period, s, and a delay in periods.
+
+    With e = q* - q in an eigenvector of H of eigenvalue lambda, and measurements d periods old,
+
+        s_k = alpha (e_{k-d} - n_k / lambda) + c s_{k-1}
+        z_{k+1} = z_k - h lambda e_{k-d} + h n_k
+        e_{k+1} = e_k - h (k1 s_k - k_I z_k + v_k + lead (v_k - v_{k-1}) - phi_k),
+
+    where n is the noise of eta, and v and phi are the responses of feedforward and observer to noise alone. With newton
+    c = T_r(..), as its rounds contract, and alpha = 1 - c; without it alpha = lambda and c = 0.
+    """
+
+    terms: TermArrays
+    values: Array
+    gain: float
+    period: float
+    delay: int = 0
+
+    @cached_property
+    def c(self) -> Array:
+        """Fraction of an error that remains after newton's rounds, shape (L,)."""
+        rounds = self.terms.newton
+        if not rounds:
+            return np.zeros_like(self.values)
+        return residual_polynomial(self.values, rounds, *self.terms.eigenvalues)
+
+    @cached_property
+    def alpha(self) -> Array:
+        """Coefficient of an error in s, shape (L,)."""
+        return 1.0 - self.c if self.terms.newton else self.values
+
+    @property
+    def names(self) -> list[str]:
+        """The states, those of the loop itself first."""
+        d, terms = self.delay, self.terms
+        names = [f"e{j}" for j in range(d + 1)] + ["s"] * (terms.newton > 0) + ["z"] * (terms.integral > 0.0)
+        if terms.feedforward:
+            names += ["rate", "v", "sensed", *(f"odometry{j}" for j in range(1, d + 1))]
+        return names + ["drift"] * (terms.drift > 0.0)
+
+    @cached_property
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """M and G of x+ = M x + G u, and rows that give the command of x and u: (L, n, n), (L, n, 4), (L, n + 4)."""
+        terms, d, values, names, h = self.terms, self.delay, self.values, self.names, self.period
+        n, L = len(names), len(values)
+
+        def unit(name: str) -> Array:
+            row = np.zeros((L, n + 4))
+            if name in names:
+                row[:, names.index(name)] = 1.0
+            return row
+
+        def given(i: int) -> Array:
+            row = np.zeros((L, n + 4))
+            row[:, n + i] = 1.0
+            return row
+
+        eta = -values[:, None] * unit(f"e{d}") + given(0)
+        s = (-self.alpha / values)[:, None] * eta + self.c[:, None] * unit("s")
+        command = self.gain * s - terms.integral * unit("z")
+        new = {"s": s, "z": unit("z") + h * eta}
+        if terms.feedforward:
+            c, lead = residual_polynomial(values, terms.feedforward, *terms.eigenvalues), float(terms.lead[0])
+            moved = unit(f"odometry{d}") if d else given(2)
+            rate = unit("rate") + terms.measured * ((given(1) - unit("sensed") + moved) / h - unit("rate"))
+            v = c[:, None] * unit("v") + ((1.0 - c) / values)[:, None] * rate
+            command = command + v + lead * (v - unit("v"))
+            new |= {"rate": rate, "v": v, "sensed": given(1), "odometry1": given(2)}
+            new |= {f"odometry{j}": unit(f"odometry{j - 1}") for j in range(2, d + 1)}
+        if terms.drift > 0.0:
+            new["drift"] = unit("drift") + terms.drift * (given(3) / h - unit("drift"))
+            command = command - new["drift"]
+        new |= {"e0": unit("e0") - h * command} | {f"e{j}": unit(f"e{j - 1}") for j in range(1, d + 1)}
+        rows = np.stack([new[name] for name in names], axis=1)
+        return rows[..., :n], rows[..., n:], command
+
+    @property
+    def own(self) -> Array:
+        """Matrices of the loop itself, shape (L, n, n)."""
+        n = self.delay + 1 + (self.terms.newton > 0) + (self.terms.integral > 0.0)
+        return self.matrices[0][:, :n, :n]
+
+    def answered(self, one: int, added: Array) -> Array:
+        """The command of one eigenvalue where `added` (n,) is added to it, and feedback answers."""
+        push = np.zeros((len(self.own[one]), 1))
+        push[0] = -self.period
+        ask = self.matrices[2][one, : len(push)]
+        above, below = ss2tf(self.own[one], push, ask[None], [[1.0]])
+        return np.asarray(lfilter(above[0], below, added))
 
 
 def with_terms(names: tuple[str, ...]) -> System:
@@ -223,44 +317,25 @@ def test_one_eigenvalue_that_rounds_meet_exactly() -> None:
     system = mjsheaf.load_scenario("midpoint", {"controller.newton": {"rounds": 5}, "controller.drift": {}}).system
     loop = loop_of(system)
     assert loop.feedback.A.shape[1:] == (0, 0)
-    assert nyquist_limit(loop) == scanned_limit(loop)
+    assert found_limit(loop) == derived_limit(system, loop)
 
 
 @pytest.mark.parametrize("names", [(), ("newton",), ("integral",), ("newton", "integral")])
-def test_the_largest_delay_is_that_of_nyquists_count(names: tuple[str, ...]) -> None:
+def test_the_largest_delay_is_that_of_the_loop_derived_by_hand(names: tuple[str, ...]) -> None:
     terms = {"newton": {"rounds": 2}, "integral": {"gain": 0.2}}
     changes = {f"controller.{name}": terms[name] for name in names}
     for gain in (1.5, 4.0):
-        loop = loop_of(mjsheaf.load_scenario("midpoint", {**changes, "controller.gain": gain}).system)
-        assert nyquist_limit(loop) == scanned_limit(loop)
-        assert nyquist_limit(loop) > 0
+        system = mjsheaf.load_scenario("midpoint", {**changes, "controller.gain": gain}).system
+        loop = loop_of(system)
+        assert found_limit(loop) == derived_limit(system, loop) > 0
 
 
-def scanned_limit(loop: Loop) -> int | None:
+def found_limit(loop: Loop) -> int | None:
     """Return the largest delay of all measurements, in periods."""
     return largest_delay(loop, np.ones(1, dtype=np.bool_), lambda delay: loop.radius_at(int(delay[0])))
 
 
-def nyquist_limit(loop: Loop) -> int:
-    """Oracle: the largest delay of loops 1 + L(z) z^-d, each with a single frequency at which |L| = 1.
-
-    L is the loop without delay; its poles lie on z = 1 or inside the unit circle. If |L| = 1 at theta alone, the loop
-    is stable up to d theta = pi + arg L there, and unstable beyond.
-    """
-    limits = []
-    feedback = loop.feedback
-    for A, b, c, d in zip(feedback.A, feedback.B[:, :, 0], feedback.C, feedback.D[:, 0], strict=True):
-        below = np.atleast_1d(np.poly(np.linalg.eigvals(A)))  # of L, powers of z descending
-        # c adj(z - A) b = det(z - A + b c) - det(z - A)
-        closed = np.atleast_1d(np.poly(np.linalg.eigvals(A - np.outer(b, c))))
-        above = np.append(0.0, -loop.period * (closed + (d - 1.0) * below))
-        below = np.convolve(below, [1.0, -1.0])
-        square = [np.correlate(p, p, "full")[len(p) - 1 :] for p in (below, above)]
-        series = (square[0] - square[1]) * np.append(1.0, np.full(len(below) - 1, 2.0))
-        roots = chebroots(np.trim_zeros(series, "b"))
-        (cosine,) = roots[(np.abs(roots.imag) < 1e-9) & (np.abs(roots.real) < 1.0)].real
-        theta = np.arccos(cosine)
-        z = np.exp(1j * theta)
-        L = np.polyval(above, z) / np.polyval(below, z)
-        limits.append(((np.angle(L) + np.pi) % (2.0 * np.pi)) / theta)
-    return int(np.ceil(min(limits) - 1e-9)) - 1
+def derived_limit(system: System, loop: Loop) -> int:
+    """Oracle: the largest delay up to which the spectral radius of the loop derived by hand is below 1."""
+    delays = itertools.count(1)
+    return next(d for d in delays if np.abs(np.linalg.eigvals(derived(system, loop, d).own)).max() >= 1.0) - 1

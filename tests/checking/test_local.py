@@ -17,29 +17,18 @@ from mjsheaf.checking.spectrum import eigenvalues_of
 from mjsheaf.scenario import Scenario
 from tests.builders import build_scenario, list_members, make_fields, require, validator_of
 from tests.checking.test_screen import assert_record_fits
+from tests.oracles.frameworks import CUBE, FRAMEWORKS, RING, SIDES, SQUARE, TETRAHEDRON, TRIANGLE, complete
 from tests.running import analyse, run_ideal
 from tests.strategies import slow
 
-HALF = 3**0.5 / 2
-TRIANGLE = [[0, 0], [1, 0], [0.5, HALF]]
-SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
-TETRAHEDRON = [[0, 0, 0], [1, 0, 0], [0.5, HALF, 0], [0.5, HALF / 3, (2 / 3) ** 0.5]]
-CUBE = [list(x) for x in itertools.product((0, 1), repeat=3)]
-RING = [(0, 1), (1, 2), (2, 3), (3, 0)]
 HELD = {"gain": 1.0, "control_period": 0.01}
 CONTINUOUS = {"gain": 1.0, "control_period": 0}
-SIDES = [(i, j) for i, j in itertools.combinations(range(8), 2) if np.abs(np.subtract(CUBE[i], CUBE[j])).sum() == 1]
 
 
 def cycle(n: int) -> tuple[Array, list[tuple[int, int]]]:
     """Return n places on the unit circle, and a ring of pairs in which each agent looks at the next."""
     angles = 2.0 * np.pi * np.arange(n) / n
     return np.column_stack([np.cos(angles), np.sin(angles)]), [(k, (k + 1) % n) for k in range(n)]
-
-
-def complete(n: int) -> list[tuple[int, int]]:
-    """Return all pairs of n agents."""
-    return list(itertools.combinations(range(n), 2))
 
 
 def keeping(places: Any, pairs: Any, measures: str = "position", directed: bool = False, **fields: Any) -> Scenario:
@@ -56,18 +45,7 @@ def keeping(places: Any, pairs: Any, measures: str = "position", directed: bool 
 @pytest.mark.parametrize(
     ("places", "pairs", "measures", "rank", "needed", "rate"),
     [
-        (TRIANGLE, complete(3), "range", 3, 3, 1.5),
-        (TRIANGLE, complete(3), "bearing", 3, 3, 1.5),
-        (SQUARE, [*RING, (0, 2)], "range", 5, 5, 0.585786),
-        (SQUARE, [*RING, (0, 2)], "bearing", 5, 5, 0.482362),
-        (SQUARE, complete(4), "range", 5, 5, 2.0),
-        (SQUARE, complete(4), "bearing", 5, 5, 1.414214),
-        (TETRAHEDRON, complete(4), "range", 6, 6, 1.0),
-        (TETRAHEDRON, complete(4), "bearing", 8, 8, 2.0),
-        (SQUARE, RING, "range", 4, 5, None),
-        (SQUARE, RING, "bearing", 4, 5, None),
-        (CUBE, [*SIDES, (0, 7)], "range", 13, 18, None),
-        (CUBE, [*SIDES, (0, 7)], "bearing", 20, 20, 0.206490),
+        *FRAMEWORKS,
         (TRIANGLE, [(0, 1), (1, 2)], "position", 4, 4, 1.0),
         (TRIANGLE, [(0, 1)], "position", 2, 4, None),
     ],

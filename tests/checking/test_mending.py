@@ -195,11 +195,6 @@ def test_local_frames_are_mended_too() -> None:
     check(plan, loose)
 
 
-def test_a_team_that_holds_needs_nothing() -> None:
-    whole = make_team("B1", "S1", [], [("B1", "S1")])
-    assert plan_augmentation(whole, places_of(whole)) is None
-
-
 # -- beyond the sizes that are tried one by one ----------------------------------------------------------------
 
 

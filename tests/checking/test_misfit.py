@@ -1,6 +1,7 @@
 """Ranges and bearings that do not fit together, and directed teams: `check` against the law, simulated on its own."""
 
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.links import limit_from_eigenvalues
 from mjsheaf.scenario import Scenario
 from tests.builders import build_scenario, list_members, make_fields, make_scenario, require
+from tests.oracles.law import disagreement
 from tests.running import analyse
 from tests.strategies import slow
 
@@ -20,30 +22,14 @@ GAIN = 1.0
 USUAL: dict[str, Any] = {"time": {"end": 1.0}, "controller": {"gain": GAIN, "control_period": PERIOD}}
 
 
-def law(scenario: Scenario) -> Any:
-    """The law of a team of one dimension, u / k1 of stacked agents q (n_q,) and targets p (n_p,), from its formulas."""
+def law(scenario: Scenario) -> Callable[[Array, Array], Array]:
+    """The law of a team, u / k1 of stacked agents q (..., n_q) and targets p (n_p,), by the formulas of its edges."""
     team = scenario.team
-    d = team.agents[0].dimension
-    number = {id: k for k, id in enumerate([*team.agent_ids, *team.target_ids])}
-    edges = [(number[e.tail], number[e.head], e) for e in (*team.communication, *team.sensing)]
+    n = int(team.first_state[-1])
 
     def command(q: Array, p: Array) -> Array:
-        x = np.concatenate([q, p]).reshape(-1, d)
-        u = np.zeros((len(team.agents), d))
-        for i, j, e in edges:
-            z, w = x[j] - x[i], e.weight[0, 0]
-            far = np.linalg.norm(z)
-            assert e.offset is not None
-            if e.measures == "position":
-                pull = z + e.offset
-            elif e.measures == "range":
-                pull = (1.0 - e.offset[0] / far) * z
-            else:
-                pull = z * (z @ e.offset) / far**2 - e.offset
-            u[i] += w * pull
-            if j < len(u) and not e.directed:
-                u[j] -= w * pull
-        return u.ravel()
+        x = np.concatenate([q, np.broadcast_to(p, (*q.shape[:-1], len(p)))], axis=-1)
+        return np.asarray(-team.pack(disagreement(team, team.unpack(x)))[..., :n])
 
     return command
 
@@ -59,8 +45,9 @@ def factors(scenario: Scenario, gain: float = GAIN, periods: int = 20, move: flo
             q = q + gain * PERIOD * command(q, x[n:])
         return q
 
-    ends = [end(x[:n] + row) - end(x[:n] - row) for row in move * np.eye(n)]
-    return np.asarray(np.abs(np.linalg.eigvals(np.array(ends) / (2.0 * move))) ** (1.0 / periods))
+    steps = move * np.eye(n)
+    change = (end(x[:n] + steps) - end(x[:n] - steps)) / (2.0 * move)
+    return np.asarray(np.abs(np.linalg.eigvals(change)) ** (1.0 / periods))
 
 
 def random_team(seed: int, misfit: float = 1.0, directed: float = 0.0, targets: bool = True) -> Scenario:
@@ -98,38 +85,30 @@ def is_settled(scenario: Scenario) -> bool:
     return float(np.abs(law(scenario)(x[:n], x[n:])).max()) < 1e-9 and team.is_settled(scenario.system.initial)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("directed", [0.0, 0.5])
-@pytest.mark.parametrize("seeds", [range(10), slow(range(10, 260))], ids=len)
-def test_the_rate_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, directed: float) -> None:
-    """Rates agree with the law's own decay to 2 %; most random teams have one equilibrium near them."""
+@pytest.mark.parametrize("seeds", [range(6), slow(range(6, 260))], ids=len)
+def test_the_loop_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, directed: float) -> None:
+    """Rates agree with the law's own decay to 2 %; small motions decay at 0.97 of the largest gain and grow at 1.03.
+
+    Most random teams have one equilibrium near them.
+    """
     decided = 0
     for seed in seeds:
         scenario = random_team(seed, directed=directed)
         if not is_settled(scenario):
             continue
         decided += 1
-        radii = loop_of(scenario.system.local).radius, factors(scenario).max()
-        stated, measured = (-np.log(radius) / PERIOD for radius in radii)
-        assert stated == pytest.approx(measured, rel=0.02, abs=1e-6), seed
-    assert decided >= 0.7 * len(seeds)
-
-
-@pytest.mark.parametrize("directed", [0.0, 0.5])
-@pytest.mark.parametrize("seeds", [range(6), slow(range(6, 60))], ids=len)
-def test_the_largest_gain_of_edges_that_do_not_fit_is_that_of_the_law(seeds: range, directed: float) -> None:
-    """Small motions decay at 0.97 of the largest gain and grow at 1.03 of it."""
-    for seed in seeds:
-        scenario = random_team(seed, directed=directed)
-        if not is_settled(scenario):
-            continue
         loop = loop_of(scenario.system.local)
+        measured = factors(scenario).max()
+        stated, decay = (-np.log(radius) / PERIOD for radius in (loop.radius, measured))
+        assert stated == pytest.approx(decay, rel=0.02, abs=1e-6), seed
         if loop.stable_gains is None:
-            assert factors(scenario).max() > 1.0, seed
+            assert measured > 1.0, seed
             continue
         limit = loop.stable_gains[1]
         assert factors(scenario, 0.97 * limit, periods=4).max() < 1.0, seed
         assert factors(scenario, 1.03 * limit, periods=4).max() > 1.0, seed
+    assert decided >= 0.7 * len(seeds)
 
 
 @pytest.mark.parametrize("seeds", [range(15), slow(range(15, 100))], ids=len)

@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import pytest
 
@@ -188,13 +189,10 @@ def test_a_blow_up_counts_against_its_own_phase(tmp_path: Path) -> None:
 
 def holds(team: Team) -> tuple[int, bool, int]:
     """Parts of the agent graph, whether each target is sensed, and how many directions are free."""
-    parts = {id: {id} for id in team.agent_ids}
-    for edge in team.communication:
-        joined = parts[edge.tail] | parts[edge.head]
-        for id in joined:
-            parts[id] = joined
+    graph = nx.Graph(edge.between for edge in team.communication)
+    graph.add_nodes_from(team.agent_ids)
     sensed = {edge.head for edge in team.sensing} == set(team.target_ids)
-    return len({frozenset(part) for part in parts.values()}), sensed, explain(team).dimension
+    return nx.number_connected_components(graph), sensed, explain(team).dimension
 
 
 def single_events(team: Team) -> list[tuple[str, dict[str, Any]]]:

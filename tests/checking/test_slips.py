@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -11,7 +10,7 @@ from mjsheaf import load_scenario
 from mjsheaf.scenario import list_scenarios
 from mjsheaf.scenario.slips import slips_of, slips_of_vehicle
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import REPOSITORY
+from tests.builders import altered, make_fields
 from tests.commands import answer_of, call
 from tests.running import analyse
 
@@ -19,17 +18,10 @@ from tests.running import analyse
 @pytest.fixture
 def weak(tmp_path: Path) -> Path:
     """A quadrotor that cannot lean as far as its description says, in a scenario."""
-    models = REPOSITORY / "models"
-    (tmp_path / "weak.xml").write_text((models / "quadrotor.xml").read_text())
-    description: dict[str, Any] = yaml.safe_load((models / "quadrotor.yaml").read_text())
-    description |= {"mjcf": "weak.xml", "steering": {"largest_tilt": 80}}
-    (tmp_path / "weak.yaml").write_text(yaml.safe_dump(description))
-    fields = {
-        "time": {"end": 0.1},
-        "agents": [{"id": "A0", "position": [0, 0, 9], "vehicle": "weak.yaml"}],
-        "targets": [{"id": "T1", "position": [9, 5, 9], "motion": {"kind": "fixed"}}],
-        "sensing": [["A0", "T1"]],
-    }
+    altered(tmp_path, "quadrotor", steering={"largest_tilt": 80})
+    agent = {"position": [0, 0, 9], "vehicle": "quadrotor.yaml"}
+    target = {"position": [9, 5, 9], "motion": {"kind": "fixed"}}
+    fields = make_fields({"A0": agent}, {"T1": target}, [["A0", "T1"]], time={"end": 0.1})
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(fields))
     return tmp_path
 
@@ -38,7 +30,7 @@ def weak(tmp_path: Path) -> Path:
 def test_check_notes_a_lean_that_the_thrust_does_not_carry(weak: Path) -> None:
     path = weak / "mine.yaml"
     slips = analyse(path)["notes"]
-    assert any("a lean of 80 degrees takes weak" in slip for slip in slips)
+    assert any("a lean of 80 degrees takes quadrotor" in slip for slip in slips)
     shown = " ".join(answer_of("check", str(path), "--no-trial").out.split())
     assert "note: " in shown
     whole = " ".join(answer_of("check", str(path), "--no-trial", "--full").out.split())
@@ -49,10 +41,10 @@ def test_check_notes_a_lean_that_the_thrust_does_not_carry(weak: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_a_run_and_a_list_note_it_too(weak: Path) -> None:
-    listed = answer_of("list", "--vehicles", str(weak / "weak.yaml"))
+    listed = answer_of("list", "--vehicles", str(weak / "quadrotor.yaml"))
     assert listed.code == 0
     assert "note: " in listed.out
-    assert "a lean of 80 degrees takes weak" in " ".join(listed.out.split())
+    assert "a lean of 80 degrees takes quadrotor" in " ".join(listed.out.split())
     assert call("run", weak / "mine.yaml", "--no-video", "--out", weak / "out") == 0
     notes = json.loads((weak / "out" / "summary.json").read_text())["notes"]
     assert [n for n in notes if n["kind"] == "slip" and "a lean of 80 degrees" in n["text"]]

@@ -21,6 +21,7 @@ from mjsheaf.scenario import scenario_from_mapping
 from tests.builders import build_scenario, field_of, flow_jacobian, known, mixed_scenario
 from tests.checking.adversarial import adversarial_scenario
 from tests.checking.oracle import Truth, solve
+from tests.checking.test_flow_bounds import random_field
 
 SEEDS = [0, 2, 4, 5, 6, 7, 29]  # jets, vortices, small cores, a saddle, corners
 
@@ -181,15 +182,7 @@ def test_a_sensitive_path_is_not_known() -> None:
 def test_slopes_over_balls_are_bounds(dimension: int) -> None:
     rng = np.random.default_rng(dimension)
     for _ in range(40):
-        axis = rng.standard_normal(3).tolist() if dimension == 3 else []
-        field = field_of(
-            dimension,
-            core=float(rng.uniform(0.05, 2.0)),
-            drift=rng.standard_normal(dimension).tolist(),
-            sources=[[*rng.standard_normal(dimension), float(rng.normal())]],
-            vortices=[[*rng.standard_normal(dimension), *axis, float(rng.normal())]],
-            channels=[[*rng.standard_normal(2 * dimension), 1.0, *rng.uniform(0.05, 2.0, 2)]],
-        )
+        field = random_field(rng, dimension)
         centre, radius = rng.uniform(-2, 2, dimension), float(rng.uniform(0, 2.0))
         step = rng.standard_normal((500, dimension))
         step *= (radius * rng.uniform(0, 1, 500) ** (1 / dimension) / np.linalg.norm(step, axis=1))[:, None]

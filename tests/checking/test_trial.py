@@ -4,6 +4,7 @@ Oracle: pencil and paper, and the run itself as `simulate` gives it.
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from mjsheaf.results.ending import Stuck
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import AS_USUAL
 from tests.builders import DATA, dump_scenario, list_members, make_fields
-from tests.commands import answer_of
+from tests.commands import Answer, answer_of
 from tests.media import double_gyre
 from tests.running import analyse
 from tests.strategies import slow
@@ -122,8 +123,8 @@ def test_a_gain_above_that_of_the_vehicles_ends_in_a_limit_cycle(bound: float) -
     assert [one["kind"] for one in record["trial"]["problems"]] == ["limit_cycle"]
 
 
-def test_a_team_with_a_free_direction_is_refused_and_its_fix_is_tried() -> None:
-    record = mjsheaf.check(mjsheaf.load_scenario("air_tracks_surface"))
+def test_a_team_with_a_free_direction_is_refused_and_its_fix_is_tried(checked: Callable[[str], Answer]) -> None:
+    record = json.loads(checked("air_tracks_surface").out)
     assert [problem["kind"] for problem in record["trial"]["problems"]] == ["refused"]
     assert record["trial"]["seconds"] == 0.0
     fix = record["problems"][0]

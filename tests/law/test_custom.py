@@ -20,6 +20,7 @@ from mjsheaf.checking.loop import linear_law
 from mjsheaf.errors import InputError, UndecidedError
 from mjsheaf.law import custom
 from mjsheaf.runs.publish import write_scenario
+from tests.commands import python
 
 SOURCE = """
 import mjsheaf
@@ -178,14 +179,14 @@ def test_engines_agree_across_phases(file: Path) -> None:
 def test_without_compiling_and_from_the_cache(file: Path, tmp_path: Path) -> None:
     """A second process compiles nothing; another source is another term; uncompiled, the run is the same."""
     script = (
-        "import json, sys, mjsheaf\n"
+        "import json, mjsheaf\n"
         "from numba.core import event\n"
         "compiled = []\n"
         "class Listener(event.Listener):\n"
         "    def on_start(self, event): compiled.append(event.data['dispatcher'].py_func.__module__)\n"
         "    def on_end(self, event): pass\n"
         "event.register('numba:compile', Listener())\n"
-        f"section = {{'file': {str(file)!r}, 'parameters': {{'gain': float(sys.argv[1])}}}}\n"
+        f"section = {{'file': {str(file)!r}, 'parameters': {{'gain': 0.7}}}}\n"
         "changes = {'time.end': 0.2, 'controller.custom.steeper': section}\n"
         "run = mjsheaf.simulate(mjsheaf.load_scenario('midpoint', changes), backend='ideal')\n"
         "own = [name for name in compiled if str(name).startswith('mjsheaf.')]\n"
@@ -193,10 +194,7 @@ def test_without_compiling_and_from_the_cache(file: Path, tmp_path: Path) -> Non
     )
 
     def run(**environment: str) -> tuple[list[Any], list[str]]:
-        done = subprocess.run(
-            [sys.executable, "-c", script, "0.7"], env={**os.environ, **environment}, capture_output=True, check=True
-        )
-        position, compiled = json.loads(done.stdout)
+        position, compiled = json.loads(python(script, None, **environment).stdout)
         return position, compiled
 
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
@@ -394,9 +392,7 @@ def test_a_fault_of_a_term_names_term_agent_and_time(environment: dict[str, str]
         "            else: mjsheaf.simulate(scenario, backend, engine=engine, progress=False)\n"
         "        except mjsheaf.errors.InputError as error: print(error)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, cwd=tmp_path, env=os.environ | environment
-    )
+    done = python(script, tmp_path, **environment)
     lines = done.stdout.splitlines()
     assert len(lines) == 12, done.stderr
     for k, line in enumerate(lines):

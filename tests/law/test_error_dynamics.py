@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import mjsheaf
-from mjsheaf.checking.theorem.of_run import bound_of_run
 from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.scenario import scenario_from_mapping
@@ -118,26 +116,3 @@ def test_the_error_obeys_the_papers_equation(seed: int) -> None:
     size = np.sqrt((u**2).sum(axis=(1, 2)))
     assert (size <= 4.0 * pinv * np.linalg.norm(error, axis=1) * (1 + 1e-9)).all()
     assert size.max() > 0.01
-
-
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
-@pytest.mark.parametrize("name", ["certified", "surface_tracks_air", "otters"])
-def test_commands_stay_bounded(name: str, backend: str) -> None:
-    """|u| <= k1 |g^+| |H| sup |e|, for bodies the commanded velocity; where Theorem 1 applies, by its bound."""
-    scenario = mjsheaf.load_scenario(name, {"time.end": 4.0})
-    system = scenario.system
-    result = mjsheaf.simulate(scenario, backend=backend)
-    error = np.sqrt((result["tracking_error"].values ** 2).sum(axis=1))
-    asked = result["command" if backend == "ideal" else "velocity_command"].values
-    command = np.sqrt((np.nan_to_num(asked) ** 2).sum(axis=(1, 2)))
-    H = system.team.dirichlet.H.toarray()
-    largest = system.gain * np.linalg.norm(H, 2)  # g = I: |g^+| = 1
-    assert not system.effectiveness.given.any()
-    assert np.isfinite(command).all()
-    assert np.isfinite(result["command"].values).any(axis=2).all()
-    assert (command <= largest * error * (1 + 1e-9)).all()
-    assert command.max() <= largest * error.max() * (1 + 1e-9)
-    if name == "certified":
-        run = bound_of_run(system, result)
-        assert run.applies
-        assert command.max() <= largest * run.at(result["time"].values).max() * (1 + 1e-9)

@@ -262,19 +262,6 @@ def test_beyond_its_range_a_link_is_silent() -> None:
             assert data["heard"].values[0].tolist() == [heard, 2, 2]
 
 
-def test_a_lost_sample_is_held_so_long_and_no_longer() -> None:
-    _, data = still({"all": {"loss": 0.6, "hold": 0.03, "noise": 1.0, "delay": 0.02}}, end=20.0)
-    heard, y = data["heard"].values[:, 0], data["measurement"].values[:, 0]
-    since = 99
-    for n in range(1, len(heard)):
-        since = 0 if heard[n] == 2 else since + 1
-        assert heard[n] == (2 if since == 0 else 1 if since <= 3 else 0)
-        assert (np.isnan(y[n])) == (heard[n] == 0)
-        if heard[n] == 1:
-            assert y[n] == y[n - 1]
-    assert {0, 1, 2} == set(heard.tolist())
-
-
 def test_a_range_of_zero_is_accepted() -> None:
     agents = [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [0, 0]}]
     sensor = {"sensor": RANGE_BEARING}

@@ -1,7 +1,7 @@
-"""Targets that follow recorded positions, from a table in the scenario or a CSV file.
+"""Targets that follow recorded positions, from a table in the scenario or a CSV file; their curve stays on the track.
 
 Oracles: scipy's cubic spline through the same points; a motion whose formula is known, which the spline approaches with
-the fourth power of the time between samples.
+the fourth power of the time between samples; straight tracks, which no curve may leave by more than the noise.
 """
 
 import json
@@ -10,12 +10,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 import mjsheaf
+from mjsheaf.arrays import Array
 from mjsheaf.errors import MjsheafError
 from mjsheaf.files import read_yaml
-from mjsheaf.law.paths import Recorded, Waypoints, add_reference, pack_motions, reference_bounds
+from mjsheaf.law.paths import (
+    MAX_DEVIATION,
+    Recorded,
+    Waypoints,
+    add_reference,
+    fit_curve,
+    pack_motions,
+    reference_bounds,
+)
+from mjsheaf.scenario.slips import slips_of
 
 SCENARIO: dict[str, Any] = {
     "time": {"end": 4},
@@ -115,3 +127,101 @@ def test_bounds_of_speed_hold_and_are_tight_where_pieces_are_cut(parts: int) -> 
     assert acceleration[0] >= 10.0 / 3.0**0.5 * 4.0 / 10.0 * (1.0 - 1e-9)
     if parts == 16:
         assert speed[0] < 3.8
+
+
+# -- the curve -----------------------------------------------------------------------------------------------------
+
+
+def off_track(t: Array, places: Array) -> Array:
+    """How far the curve is off the straight lines between samples, at each of 2,000 times, m."""
+    path = fit_curve(t, places).path
+    at = np.linspace(t[0], t[-1], 2001)
+    lines = np.column_stack([np.interp(at, t, column) for column in places.T])
+    return np.asarray(np.linalg.norm(path(at) - lines, axis=1))
+
+
+@given(st.integers(4, 40), st.integers(0, 10**6), st.sampled_from([1e-4, 1.0, 1e4]))
+@settings(max_examples=60, deadline=None)
+def test_even_samples_keep_their_spline_whatever_they_are(count: int, seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 0.1 * (count - 1), count)
+    steps = scale * rng.normal(size=(count, 3)) * 2.0 ** rng.integers(-20, 1, (count, 1))
+    curve = fit_curve(t, np.cumsum(steps, axis=0))
+    assert curve.note == ""
+    spline = CubicSpline(t, np.cumsum(steps, axis=0))
+    at = rng.uniform(t[0], t[-1], 50)
+    np.testing.assert_allclose(curve.path(at), spline(at), atol=1e-9 * scale)
+
+
+def test_no_even_samples_reach_the_limit() -> None:
+    """The deviation is linear in the chords: its supremum is a sum of absolute weights."""
+    largest = 0.0
+    for count in (4, 5, 6, 10, 30):
+        t = np.arange(float(count))
+        unit = np.tri(count, count - 1, -1)  # a step in each chord
+        path = CubicSpline(t, unit)
+        for k in range(count - 1):
+            share = np.linspace(0.0, 1.0, 21)[:, None]
+            weights = np.abs(path(k + share[:, 0]) - (1.0 - share) * unit[k] - share * unit[k + 1])
+            largest = max(largest, float((weights @ 2.0 ** np.abs(np.arange(count - 1) - k)).max()))
+    assert 1.9 < largest < MAX_DEVIATION
+
+
+@pytest.mark.parametrize("late", [1e-6, 5e-5, 1e-3])
+def test_bursts_are_thinned(late: float) -> None:
+    """Pairs of messages arrive together, 1 cm apart: the track is straight, and the target stays on it."""
+    t = np.arange(0.0, 10.01, 0.1)
+    t[5::5] = t[4:-1:5] + late
+    rng = np.random.default_rng(1)
+    places = np.column_stack([0.5 * t, 0 * t, 10 + 0 * t]) + rng.uniform(-0.01, 0.01, (len(t), 3))
+    assert np.abs(CubicSpline(t, places)(np.linspace(0, t[-1], 5000))[:, 1]).max() > 0.3
+    curve = fit_curve(t, places)
+    at = np.linspace(0.0, t[-1], 5000)
+    assert np.abs(curve.path(at) - np.column_stack([0.5 * at, 0 * at, 10 + 0 * at])).max() < 0.06
+    assert "its spline is up to" in curve.note
+    assert f"20 of {len(t)} samples" in curve.note
+    motion = pack_motions([Recorded(samples=np.column_stack([t, places]).tolist())], np.zeros((1, 3)), 0.0, [3], t[-1])
+    speed, _ = reference_bounds(motion)
+    assert speed[0] < 2.0  # of the curve that is followed, not of 1 cm in 50 us
+
+
+@pytest.mark.parametrize("gap", [20.0, 60.0])
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_a_dropout_is_crossed_without_overshoot(gap: float, speed: float) -> None:
+    """A receiver with a noise of 1 m loses its fix: the spline extrapolates the noise of its speed."""
+    t = np.concatenate([np.arange(0.0, 30.0), np.arange(30.0 + gap, 60.0 + gap)])
+    rng = np.random.default_rng(2)
+    places = np.column_stack([speed * t, 0 * t]) + rng.normal(0.0, 1.0, (len(t), 2))
+    inside = (np.linspace(t[0], t[-1], 2001) > 29.0) & (np.linspace(t[0], t[-1], 2001) < 30.0 + gap)
+    assert np.abs(CubicSpline(t, places)(np.linspace(29.0, 30.0 + gap, 200))[:, 1]).max() > 3.0
+    assert off_track(t, places)[inside].max() < max(2.0, 0.2 * gap * speed)
+    curve = fit_curve(t, places)
+    assert "a gap from t = 29 to" in curve.note
+    ends = curve.path(t[:-1] + 1e-9) - curve.path(t[:-1] - 1e-9)
+    assert np.abs(ends).max() < 1e-6
+    np.testing.assert_allclose(curve.path(t[1:-1] - 1e-7, 1), curve.path(t[1:-1] + 1e-7, 1), atol=1e-4)
+
+
+@pytest.mark.parametrize("t", [[0.0, 1.0], [0.0, 1.0, 1.000001], [0.0, 1e-6, 1.0, 2.0]])
+def test_few_samples_keep_their_ends(t: list[float]) -> None:
+    places = np.column_stack([np.arange(float(len(t))), np.zeros(len(t))])
+    path = fit_curve(np.array(t), places).path
+    assert (path.x[0], path.x[-1]) == (t[0], t[-1])
+    np.testing.assert_allclose(path([t[0], t[-1]]), places[[0, -1]], atol=1e-9)
+
+
+def test_repeated_positions_and_a_late_start_stay_on_their_lines() -> None:
+    t = np.concatenate([np.arange(0.0, 30.0, 1.0), 30.0 + 0.05 * np.arange(100)])
+    places = np.column_stack([np.maximum(0.0, t - 30.0), 0.0 * t])
+    places[40:44] = places[40]
+    assert off_track(t, places).max() < 0.1
+
+
+def test_check_and_run_say_what_differs() -> None:
+    samples = [[0.0, 0, 0], [1.0, 1, 0], [1.00005, 1.01, 0.01], [2.0, 2, 0], [3.0, 3, 0], [4.0, 4, 0], [5.0, 5, 0]]
+    motion = {"targets.T1.motion": {"kind": "recorded", "samples": samples}}
+    (note,) = slips_of(mjsheaf.load_scenario(SCENARIO, motion))
+    assert note.startswith("recorded path of T1: its spline is up to")
+    assert "1 of 7 samples within 0.1 s of another left out" in note
+    del samples[2]
+    assert slips_of(mjsheaf.load_scenario(SCENARIO, motion)) == []

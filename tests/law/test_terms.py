@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import pytest
 import xarray as xr
@@ -338,17 +339,9 @@ def long_team(seed: int, **controller: Any) -> Scenario:
 
 def distances(team: Team, source: str) -> Array:
     """Return the number of edges from a vehicle to each agent, over agents alone, shape (N,)."""
-    found = {source: 0}
-    while True:
-        more = {
-            end: found[start] + 1
-            for e in (*team.communication, *team.sensing)
-            for start, end in (e.between, e.between[::-1])
-            if start in found and end not in found and end in team.agent_ids
-        }
-        if not more:
-            return np.array([found[a] for a in team.agent_ids])
-        found |= more
+    own = [e.between for e in team.sensing if source in e.between]
+    found = nx.single_source_shortest_path_length(nx.Graph([*own, *(e.between for e in team.communication)]), source)
+    return np.array([found[a] for a in team.agent_ids])
 
 
 def commands_at(control: ControlArrays, path: Array, memory: Memory | None = None) -> Array:

@@ -1,7 +1,8 @@
 """The law by its definitions, edge by edge: measurements and eq. controller-1 of the paper, with weights and offsets.
 
 An edge e = (i, j) measures y_e = F_j x_j - F_i x_i. Its tail adds -F_i^T K (y_e + b_e) to its eta, its head
-F_j^T K (y_e + b_e), and q* is where every eta is zero. Positions x are padded to (..., V, 3), m, agents first.
+F_j^T K (y_e + b_e), and q* is where every eta is zero; for ranges and bearings see `pull`. Positions x are padded to
+(..., V, 3), m, agents first.
 
 Of the package it takes the team's matrices, and for `velocity_commands` and `medium` the targets' reference, the steady
 flow and the disturbance, which tests of their own hold to formulas.
@@ -47,6 +48,19 @@ def residuals_of(team: Team, x: Array) -> dict[str, float]:
     return {f"{edge.tail}-{edge.head}": float(residual(team, edge, x)) for edge in edges}
 
 
+def pull(edge: Edge, z: Array) -> Array:
+    """Return what an edge that measures z (..., m), offset included, pulls its tail with, before K, shape (..., m).
+
+    That is z itself; of a desired range r it is (1 - r / |z|) z, of a desired bearing g it is z (z . g) / |z|^2 - g.
+    """
+    if edge.measures == "position":
+        return z
+    length = np.linalg.norm(z, axis=-1, keepdims=True)
+    if edge.measures == "range":
+        return np.asarray((1.0 - edge.desired[0] / length) * z)
+    return np.asarray(z * (z @ edge.desired)[..., None] / length**2 - edge.desired)
+
+
 def disagreement(
     team: Team, x: Array, edges: Sequence[Edge] | None = None, measured: Sequence[Array] | None = None
 ) -> Array:
@@ -55,18 +69,18 @@ def disagreement(
     Args:
         team: Team.
         x: Positions.
-        edges: Edges that count, of positions. Of two targets both ends move, of an agent and a target the agent.
+        edges: Edges that count. Of two targets both ends move, of an agent and a target the agent.
         measured: Measurements to use in place of the true ones, (..., m) for each edge.
     """
     eta = np.zeros(x.shape)
     for k, e in enumerate(team.measuring_edges if edges is None else edges):
         y = measurement(team, e, x) if measured is None else measured[k]
-        pull = (y + e.b) @ e.weight
+        pulled = pull(e, y + e.b) @ e.weight
         tail, head = team.index[e.tail], team.index.get(e.head)
-        eta[..., tail, : e.F_tail.shape[1]] -= pull @ e.F_tail
+        eta[..., tail, : e.F_tail.shape[1]] -= pulled @ e.F_tail
         alike = head is not None and (head < len(team.agents)) == (tail < len(team.agents))
         if alike and not e.directed:
-            eta[..., head, : e.F_head.shape[1]] += pull @ e.F_head
+            eta[..., head, : e.F_head.shape[1]] += pulled @ e.F_head
     return eta
 
 

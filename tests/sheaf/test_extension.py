@@ -45,18 +45,6 @@ def test_the_agent_between_two_targets_goes_to_the_midpoint(a: float, c: float) 
     np.testing.assert_allclose(extension.energy, (c - a) ** 2 / 4, rtol=1e-14)
 
 
-@given(sheaves_with_boundary(), st.data())
-def test_no_change_of_the_interior_lowers_the_energy(case: Case, data: st.DataObject) -> None:
-    spec, boundary, _ = case
-    x, _ = solve(case)
-    interior = spec.columns(spec.rest(boundary))
-    lowest = spec.energy(x)
-    for size in (1e-3, 1.0):
-        other = x.copy()
-        other[interior] += size * data.draw(vectors(len(interior)))
-        assert spec.energy(other) >= lowest - 1e-10 * (1.0 + lowest)
-
-
 @given(sheaves_with_boundary())
 def test_extension_solves_its_equation_and_keeps_the_boundary(case: Case) -> None:
     """(L x - delta^T K b) vanishes on the interior: H q* = B p + c."""
@@ -82,7 +70,7 @@ def test_blocks_are_those_of_the_laplacian(case: Case) -> None:
 
 @given(sheaves_with_boundary(), st.data())
 def test_extension_is_affine_in_the_boundary(case: Case, data: st.DataObject) -> None:
-    """And linear where no edge has an offset: x(s y + t z) = s x(y) + t x(z) for s + t = 1."""
+    """x(s y + t z) = s x(y) + t x(z) for s + t = 1, of several boundary vectors at once as of each alone."""
     spec, boundary, y = case
     problem = spec.build().dirichlet_problem(boundary)
     z = data.draw(vectors(len(y)))
@@ -90,10 +78,6 @@ def test_extension_is_affine_in_the_boundary(case: Case, data: st.DataObject) ->
     size = 1.0 + np.abs(values).max(initial=0.0)
     np.testing.assert_allclose(values[2], 3.0 * values[0] - 2.0 * values[1], atol=1e-10 * size)
     np.testing.assert_allclose(problem.extend(y), values[0], atol=1e-11 * size)
-    at_rest = problem.extend(np.zeros(len(y)))
-    np.testing.assert_allclose(
-        values[0] + values[1] - at_rest, problem.extend(y + z), atol=1e-10 * (size + np.abs(at_rest).max(initial=0.0))
-    )
 
 
 @given(sheaves_with_boundary())

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from mjsheaf import NonlinearSheaf, Sheaf
 from mjsheaf.errors import SheafError
+from tests.oracles.frameworks import FRAMEWORKS, TETRAHEDRON, TRIANGLE, complete
 from tests.strategies import exact_rank
 
-HALF = 3**0.5 / 2
-TRIANGLE = [(0, 0), (1, 0), (0.5, HALF)]
-SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
-TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0.5, HALF, 0), (0.5, HALF / 3, (2 / 3) ** 0.5)]
-CUBE = list(itertools.product((0, 1), repeat=3))
-RING = [(0, 1), (1, 2), (2, 3), (3, 0)]
-SIDES = [(i, j) for i, j in itertools.combinations(range(8), 2) if np.abs(np.subtract(CUBE[i], CUBE[j])).sum() == 1]
+
+def desired_of(measures: str, z: Any) -> Any:
+    """Return the value of an edge whose head is at z from its tail; edges of positions desire -z."""
+    length = np.linalg.norm(z)
+    return {"position": -z, "range": [length], "bearing": z / length}[measures]
 
 
 def framework(points: Any, edges: Any, measures: Any) -> tuple[NonlinearSheaf, NDArray[np.float64]]:
@@ -28,32 +27,14 @@ def framework(points: Any, edges: Any, measures: Any) -> tuple[NonlinearSheaf, N
     n, d = x.shape
     sheaf = NonlinearSheaf({v: d for v in range(n)})  # noqa: C420 - typed
     for i, j in edges:
-        z = x[j] - x[i]
-        length = np.linalg.norm(z)
-        desired = [length] if measures == "range" else z / length
+        desired = desired_of(measures, x[j] - x[i])
         sheaf.add_edge(i, j, np.eye(d), np.eye(d), measures=measures, desired=desired)
     return sheaf, x.ravel()
 
 
-@pytest.mark.parametrize(
-    ("points", "edges", "measures", "rank", "rate"),
-    [
-        (TRIANGLE, list(itertools.combinations(range(3), 2)), "range", 3, 1.5),
-        (TRIANGLE, list(itertools.combinations(range(3), 2)), "bearing", 3, 1.5),
-        (SQUARE, [*RING, (0, 2)], "range", 5, 0.585786),
-        (SQUARE, [*RING, (0, 2)], "bearing", 5, 0.482362),
-        (SQUARE, list(itertools.combinations(range(4), 2)), "range", 5, 2.0),
-        (SQUARE, list(itertools.combinations(range(4), 2)), "bearing", 5, 1.414214),
-        (TETRAHEDRON, list(itertools.combinations(range(4), 2)), "range", 6, 1.0),
-        (TETRAHEDRON, list(itertools.combinations(range(4), 2)), "bearing", 8, 2.0),
-        (SQUARE, RING, "range", 4, None),
-        (SQUARE, RING, "bearing", 4, None),
-        (CUBE, [*SIDES, (0, 7)], "range", 13, None),
-        (CUBE, [*SIDES, (0, 7)], "bearing", 20, 0.206490),
-    ],
-)
+@pytest.mark.parametrize(("points", "edges", "measures", "rank", "needed", "rate"), FRAMEWORKS)
 def test_ranks_and_rates_of_known_frameworks(
-    points: Any, edges: Any, measures: str, rank: int, rate: float | None
+    points: Any, edges: Any, measures: str, rank: int, needed: int, rate: float | None
 ) -> None:
     """They are those of the literature; H is the Laplacian of the Jacobian sheaf."""
     sheaf, x = framework(points, edges, measures)
@@ -110,8 +91,7 @@ def test_the_jacobian_sheaf_has_the_residuals_and_the_slope(seed: int) -> None:
     maps = {"a": np.eye(3, 2), "b": np.eye(3), "c": np.eye(3)}
     kinds: list[Any] = ["range", "bearing", "position"] * 2
     for (i, j), measures in zip(itertools.permutations("abc", 2), kinds, strict=True):
-        b = rng.normal(size=3)
-        desired: Any = {"range": [1.3], "bearing": b / np.linalg.norm(b), "position": b}[measures]
+        desired = desired_of(measures, rng.normal(size=3))
         weight = float(rng.uniform(0.5, 2.0))
         sheaf.add_edge(i, j, maps[i], maps[j], measures=measures, desired=desired, weight=weight, lift=lift)
     x = rng.normal(size=8)
@@ -123,13 +103,7 @@ def test_the_jacobian_sheaf_has_the_residuals_and_the_slope(seed: int) -> None:
 
     def measured(x: Any) -> NDArray[np.float64]:
         """Return h of every edge."""
-        kinds = {
-            "position": lambda z: -z,
-            "range": lambda z: [np.linalg.norm(z)],
-            "bearing": lambda z: z / np.linalg.norm(z),
-        }
-        each = [kinds[e.measures](z) for e, z in zip(sheaf.edges, sheaf.relative(x), strict=True)]
-        return np.concatenate(each)
+        return np.concatenate([desired_of(e.measures, z) for e, z in zip(sheaf.edges, sheaf.relative(x), strict=True)])
 
     slope = (measured(x + 1e-6 * v) - measured(x - 1e-6 * v)) / 2e-6
     sign = np.concatenate(
@@ -144,7 +118,7 @@ def test_an_extension_from_nearby_finds_the_exact_shape(seed: int, measures: str
     """With two vertices held, a complete graph has the shape that it had."""
     rng = np.random.default_rng(seed)
     points = np.array([*TRIANGLE, (0.2, 1.4), (1.5, 1.1)]) + rng.uniform(-0.1, 0.1, (5, 2))
-    sheaf, x = framework(points, list(itertools.combinations(range(5), 2)), measures)
+    sheaf, x = framework(points, complete(5), measures)
     start = x + rng.uniform(-0.1, 0.1, len(x))
     found = sheaf.harmonic_extension({0: points[0], 1: points[1]}, start)
     assert found.unique
@@ -162,13 +136,7 @@ def test_the_energy_is_that_of_the_misfits(seed: int) -> None:
     sheaf = NonlinearSheaf({v: 3 for v in range(4)})  # noqa: C420 - typed
     terms: list[Any] = []
     for (i, j), kind in zip(itertools.combinations(range(4), 2), ["range", "bearing", "position"] * 2, strict=True):
-        error = rng.uniform(-0.1, 0.1, 3)
-        length, direction = np.linalg.norm(x[j] - x[i]), x[j] - x[i] + error
-        desired: Any = {
-            "range": [length + error[0]],
-            "bearing": direction / np.linalg.norm(direction),
-            "position": x[i] - x[j] + error,
-        }[kind]
+        desired = desired_of(kind, x[j] - x[i] + rng.uniform(-0.1, 0.1, 3))
         weight = float(rng.uniform(0.5, 2.0))
         sheaf.add_edge(i, j, np.eye(3), np.eye(3), measures=kind, desired=desired, weight=weight)  # type: ignore[arg-type]
         terms.append((i, j, kind, np.asarray(desired), weight))
@@ -192,7 +160,7 @@ def test_the_energy_is_that_of_the_misfits(seed: int) -> None:
 def test_bearings_keep_centroid_and_size(seed: int, scale: float) -> None:
     """From any start an extension with nothing held is the shape, with the size and the centroid of the start."""
     rng = np.random.default_rng(seed)
-    sheaf, x = framework(TETRAHEDRON, list(itertools.combinations(range(4), 2)), "bearing")
+    sheaf, x = framework(TETRAHEDRON, complete(4), "bearing")
     start = x + rng.normal(scale=scale, size=len(x))
     found = sheaf.harmonic_extension({}, start)
     assert found.energy < 1e-12

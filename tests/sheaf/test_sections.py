@@ -39,23 +39,6 @@ def test_the_bound_of_a_forest_holds(spec: SheafSpec, data: st.DataObject) -> No
         assert np.sum(values < 0.999 / G) <= open_directions
 
 
-@given(sheaves(), st.data())
-def test_certified_sections_are_all_of_their_components(spec: SheafSpec, data: st.DataObject) -> None:
-    """Of random maps some components are proved and others not; the former agree with numpy's decomposition."""
-    names = list(spec.stalks)
-    held = data.draw(st.lists(st.sampled_from(names), unique=True))
-    free = np.array([v not in held for v in names])
-    found, left = certified_sections(spec.build().edges, free, 1e-9)
-    assert not np.any(left & ~free)
-    columns = spec.columns([v for v, one, other in zip(names, free, left, strict=True) if one and not other])
-    values = np.linalg.svd(spec.delta[:, columns], compute_uv=False) if len(columns) else np.zeros(0)
-    rank = int(np.sum(values > 1e-9 * max(1.0, values.max(initial=0.0))))
-    assert sum(Q.shape[1] for _, Q in found) == len(columns) - rank
-    for place, Q in found:
-        np.testing.assert_allclose(spec.delta[:, place] @ Q, 0.0, atol=1e-12)
-        np.testing.assert_allclose(Q.T @ Q, np.eye(Q.shape[1]), atol=1e-13)
-
-
 def test_a_flat_bundle_is_its_frames() -> None:
     """Sections of a flat bundle are R_v^T r, whatever the graph: 2,500 vertices, over what is decomposed densely."""
     sheaf, frames = bundle_on_a_grid(50)
