@@ -69,6 +69,14 @@ FLOW = {
     "vortices": [{"centre": [0, 1, 0], "axis": [0, 0, 1], "gamma": 0.8}],
 }
 
+OBSTACLES: list[dict[str, Any]] = [
+    {"id": "pole", "kind": "capsule", "ends": [[0.0, -1.0, 3.0], [1.0, 1.0, 7.0]], "radius": 0.5},
+    {"id": "crate", "kind": "box", "centre": [4.0, 4.0, 5.0], "sides": [1.0, 3.0, 2.0], "heading": 30.0},
+    {"id": "ball", "kind": "sphere", "centre": [-5.0, 2.0, 5.0], "radius": 1.0, "motion": {"kind": "waypoints",
+     "points": [[5.0, 2.0, 5.0]], "speed": 0.4}},
+]  # fmt: skip
+"""Bodies about the aircraft of `swap`, of which the last one moves."""
+
 
 @cache
 def validator_of(kind: type[BaseModel]) -> Any:
@@ -123,14 +131,8 @@ def team_of(agents: dict[str, Any], targets: dict[str, Any], pairs: str = "", **
 
 def pursuit(position: Sequence[float], goal: Sequence[float], /, agent: Any = (), **fields: Any) -> Scenario:
     """An agent A at a position that senses a target T at another; `agent` has more fields of it."""
-    return make_scenario(
-        {
-            "agents": [{"id": "A", "position": list(position), **dict(agent)}],
-            "targets": [{"id": "T", "position": list(goal)}],
-            "sensing": [["A", "T"]],
-            **fields,
-        }
-    )
+    own = {"position": list(position), **dict(agent)}
+    return build_scenario({"A": own}, {"T": list(goal)}, [["A", "T"]], **fields)
 
 
 def mixed_scenario(**fields: Any) -> Scenario:
@@ -164,50 +166,38 @@ def mixed_scenario(**fields: Any) -> Scenario:
 
 def two_boats(agents: str, targets: str, /, **fields: Any) -> Scenario:
     """Two boats in a line behind a third that moves; fields replace fields."""
-    team: list[dict[str, Any]] = [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}]
+    team = {"A1": {"position": [-4, 1], "heading": 20}, "A2": [-3, -2]}
     return _two_behind(team, [0, 0], {"agents": agents, "targets": targets}, 0.005, fields)
 
 
 def two_aircraft(vehicle: str, /, **fields: Any) -> Scenario:
     """Two aircraft about a third that moves; fields replace fields."""
-    team = [{"id": "A1", "position": [-4, 1, 5]}, {"id": "A2", "position": [-3, -2, 6]}]
+    team = {"A1": [-4, 1, 5], "A2": [-3, -2, 6]}
     return _two_behind(team, [0, 0, 5], {"agents": vehicle, "targets": "aerial"}, 0.002, fields)
 
 
 def _two_behind(
-    team: list[dict[str, Any]], target: list[float], vehicles: dict[str, str], timestep: float, fields: dict[str, Any]
+    team: dict[str, Any], target: list[float], vehicles: dict[str, str], timestep: float, fields: dict[str, Any]
 ) -> Scenario:
     n = len(target)
     motion = {"amplitude": [2, 2, 0.5][:n], "rate": [0.3] * n, "phase": [1.57, 0, 0][:n]}
-    return make_scenario(
-        {
-            "time": {"end": 3.0},
-            "controller": {"gain": 1.0, "control_period": 0.02},
-            "agents": team,
-            "targets": [{"id": "T1", "position": target, "motion": {"kind": "lissajous", **motion}}],
-            "communication": [["A1", "A2"]],
-            "sensing": [["A1", "T1"], ["A2", "T1"]],
-            "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
-            "vehicles": vehicles,
-            "physics": {"timestep": timestep},
-            **fields,
-        }
-    )
+    usual = {
+        "time": {"end": 3.0},
+        "controller": {"gain": 1.0, "control_period": 0.02},
+        "communication": [["A1", "A2"]],
+        "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
+        "vehicles": vehicles,
+        "physics": {"timestep": timestep},
+    }
+    targets = {"T1": {"position": target, "motion": {"kind": "lissajous", **motion}}}
+    return build_scenario(team, targets, [["A1", "T1"], ["A2", "T1"]], **(usual | fields))
 
 
 def boat_and_drone(end: float = 3.0, /, **fields: Any) -> Scenario:
     """A boat and a drone after a drone; fields replace fields."""
-    return make_scenario(
-        {
-            "name": "boat_and_drone",
-            "time": {"end": end},
-            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0, 2]}],
-            "targets": [{"id": "T", "position": [5, 1, 2]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"], ["B", "T"]],
-            **fields,
-        }
-    )
+    usual = {"name": "boat_and_drone", "time": {"end": end}, "communication": [["A", "B"]]}
+    members = {"A": [0, 0], "B": [3, 0, 2]}, {"T": [5, 1, 2]}, [["A", "T"], ["B", "T"]]
+    return build_scenario(*members, **(usual | fields))
 
 
 def continued(scenario: Scenario, run: xr.Dataset, sample: int, **fields: Any) -> Scenario:
@@ -227,18 +217,15 @@ ONE_BOAT = team_of({"A1": [0, 0]}, {"T1": [5, 5]}, "A1 T1", time={"end": 0.2}, c
 ONE_BOAT |= {"physics": {"timestep": 0.005}}
 
 
-QUADROTOR_PAIR: dict[str, Any] = {
-    "name": "ring",
-    "time": {"end": 60},
-    "controller": {"gain": 4.0},
-    "agents": [
-        {"id": "Q1", "position": [0, 0, 10], "vehicle": "quadrotor"},
-        {"id": "Q2", "position": [0, 5, 10], "vehicle": "quadrotor"},
-    ],
-    "targets": [{"id": "T", "position": [3, 0, 12], "motion": {"kind": "static"}}],
-    "communication": [["Q1", "Q2"]],
-    "sensing": [["Q1", "T"], ["Q2", "T"]],
-}
+QUADROTOR_PAIR = make_fields(
+    {id: {"position": [0, y, 10], "vehicle": "quadrotor"} for id, y in (("Q1", 0), ("Q2", 5))},
+    {"T": {"position": [3, 0, 12], "motion": {"kind": "static"}}},
+    [["Q1", "T"], ["Q2", "T"]],
+    name="ring",
+    time={"end": 60},
+    controller={"gain": 4.0},
+    communication=[["Q1", "Q2"]],
+)
 
 
 def random_scenario(seed: int) -> dict[str, Any]:
@@ -450,17 +437,14 @@ def alone(
     Its command is zero; see `ask`. Effects are switched as in a scenario.
     """
     n = load_vehicle(vehicle).dimension
-    flow = {} if drift is None else {"agents": {"dimension": n, "drift": list(drift)[:n]}}
-    scenario = make_scenario(
-        {
-            "agents": [{"id": "A", "position": [0.0] * n, "vehicle": vehicle, "heading": heading}],
-            "targets": [{"id": "T", "position": [50.0] * n}],
-            "sensing": [["A", "T"]],
-            "flow": flow,
-            "scene": {"surface": surface},
-            "controller": {"gain": 1.0, "control_period": 10 * timestep},
-            "physics": {"timestep": timestep, "effects": effects},
-        }
+    scenario = pursuit(
+        [0.0] * n,
+        [50.0] * n,
+        {"vehicle": vehicle, "heading": heading},
+        flow={} if drift is None else {"agents": {"dimension": n, "drift": list(drift)[:n]}},
+        scene={"surface": surface},
+        controller={"gain": 1.0, "control_period": 10 * timestep},
+        physics={"timestep": timestep, "effects": effects},
     )
     world: Any = (Alone if ENGINE == "mujoco" else AloneFused)(scenario)
     ask(world, np.zeros(3))
