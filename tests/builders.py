@@ -69,6 +69,14 @@ FLOW = {
     "vortices": [{"centre": [0, 1, 0], "axis": [0, 0, 1], "gamma": 0.8}],
 }
 
+OBSTACLES: list[dict[str, Any]] = [
+    {"id": "pole", "kind": "capsule", "ends": [[0.0, -1.0, 3.0], [1.0, 1.0, 7.0]], "radius": 0.5},
+    {"id": "crate", "kind": "box", "centre": [4.0, 4.0, 5.0], "sides": [1.0, 3.0, 2.0], "heading": 30.0},
+    {"id": "ball", "kind": "sphere", "centre": [-5.0, 2.0, 5.0], "radius": 1.0, "motion": {"kind": "waypoints",
+     "points": [[5.0, 2.0, 5.0]], "speed": 0.4}},
+]  # fmt: skip
+"""Bodies about the aircraft of `swap`, of which the last one moves."""
+
 
 @cache
 def validator_of(kind: type[BaseModel]) -> Any:
@@ -162,23 +170,20 @@ def two_aircraft(vehicle: str, /, **fields: Any) -> Scenario:
 
 
 def _two_behind(
-    team: Mapping[str, Any], target: list[float], vehicles: dict[str, str], timestep: float, fields: dict[str, Any]
+    team: dict[str, Any], target: list[float], vehicles: dict[str, str], timestep: float, fields: dict[str, Any]
 ) -> Scenario:
     n = len(target)
-    motion = {"kind": "lissajous", "amplitude": [2, 2, 0.5][:n], "rate": [0.3] * n, "phase": [1.57, 0, 0][:n]}
-    line = {"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}
-    usual = make_fields(
-        team,
-        {"T1": {"position": target, "motion": motion}},
-        [["A1", "T1"], ["A2", "T1"]],
-        time={"end": 3.0},
-        controller={"gain": 1.0, "control_period": 0.02},
-        communication=[["A1", "A2"]],
-        formations=[line],
-        vehicles=vehicles,
-        physics={"timestep": timestep},
-    )
-    return make_scenario(usual | fields)
+    motion = {"amplitude": [2, 2, 0.5][:n], "rate": [0.3] * n, "phase": [1.57, 0, 0][:n]}
+    usual = {
+        "time": {"end": 3.0},
+        "controller": {"gain": 1.0, "control_period": 0.02},
+        "communication": [["A1", "A2"]],
+        "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
+        "vehicles": vehicles,
+        "physics": {"timestep": timestep},
+    }
+    targets = {"T1": {"position": target, "motion": {"kind": "lissajous", **motion}}}
+    return build_scenario(team, targets, [["A1", "T1"], ["A2", "T1"]], **(usual | fields))
 
 
 def boat_and_drone(end: float = 3.0, /, **fields: Any) -> Scenario:
@@ -205,18 +210,15 @@ ONE_BOAT = team_of({"A1": [0, 0]}, {"T1": [5, 5]}, "A1 T1", time={"end": 0.2}, c
 ONE_BOAT |= {"physics": {"timestep": 0.005}}
 
 
-QUADROTOR_PAIR: dict[str, Any] = {
-    "name": "ring",
-    "time": {"end": 60},
-    "controller": {"gain": 4.0},
-    "agents": [
-        {"id": "Q1", "position": [0, 0, 10], "vehicle": "quadrotor"},
-        {"id": "Q2", "position": [0, 5, 10], "vehicle": "quadrotor"},
-    ],
-    "targets": [{"id": "T", "position": [3, 0, 12], "motion": {"kind": "static"}}],
-    "communication": [["Q1", "Q2"]],
-    "sensing": [["Q1", "T"], ["Q2", "T"]],
-}
+QUADROTOR_PAIR = make_fields(
+    {id: {"position": [0, y, 10], "vehicle": "quadrotor"} for id, y in (("Q1", 0), ("Q2", 5))},
+    {"T": {"position": [3, 0, 12], "motion": {"kind": "static"}}},
+    [["Q1", "T"], ["Q2", "T"]],
+    name="ring",
+    time={"end": 60},
+    controller={"gain": 4.0},
+    communication=[["Q1", "Q2"]],
+)
 
 
 def random_scenario(seed: int) -> dict[str, Any]:

@@ -30,6 +30,22 @@ RUN_FILES = DATA_FILES | {"errors.png", "trajectories.png", "configurations.png"
 Capture = pytest.CaptureFixture[str]
 
 
+COMPILED = """
+from numba.core import event
+
+compiled = []
+
+class Listener(event.Listener):
+    def on_start(self, event):
+        compiled.append(event.data["dispatcher"].py_func.__qualname__)
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Listener())
+"""
+"""Begin of a script for `python`: names of the functions that its process compiles."""
+
+
 class Answer(NamedTuple):
     """Answer of a command: exit code, stdout, stderr."""
 

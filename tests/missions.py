@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.signal import detrend
 
 Raw = dict[str, Any]
 Rng = np.random.Generator
@@ -47,7 +48,6 @@ class _Group:
         vehicles: Vehicle of each agent.
         dimension, target_dimension: Of its agents, and of its target.
         height: Height of the target, m.
-        slowest: Speed of the slowest vehicle, m/s.
         spacing: Distance of neighbours in its formation, m.
         raw: Fields that the group adds to the mission.
     """
@@ -542,19 +542,13 @@ def _swing(run: xr.Dataset, i: int, begin: float, end: float) -> float:
     part = run.isel(agent=i).sel(time=slice(begin, end))
     time = part["time"].values
     place, q_star = (np.nan_to_num(part[name].values) for name in ("agent_position", "harmonic_extension"))
-    error, wanted = _detrend(time, place - q_star), _detrend(time, q_star)
-    medium = _detrend(time, np.nan_to_num(part["agent_flow"].values))
+    flow = np.nan_to_num(part["agent_flow"].values)
+    error, wanted, medium = (detrend(each, axis=0) for each in (place - q_star, q_star, flow))
     speed = np.gradient(error, time, axis=0)
     swing, of_q_star, of_medium, of_speed = (
         float(np.sqrt((each**2).sum(axis=1).mean())) for each in (error, wanted, medium, speed)
     )
     return swing if swing > 3.0 * of_q_star and of_medium < _CALM * of_speed else 0.0
-
-
-def _detrend(time: Array, values: Array) -> Array:
-    """Subtract the linear trend of values, shape (K, 3), over time in s."""
-    basis = np.column_stack([np.ones(len(time)), time])
-    return values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
 
 
 def unforeseen_error(mission: Raw, record: Raw, run: xr.Dataset) -> str | None:

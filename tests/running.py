@@ -19,25 +19,20 @@ from mjsheaf.scenario import Scenario
 
 Run = System | Sequence[Phase]
 Progress = Callable[[int, int], None]
+OwnLaw = Law | Controller | None
 
 sample_law = Tiered(evaluate_law, seconds=1e3, numbers=np.inf, records=True)
 """`evaluate_law` in Python: some samples of terms over links take less than compiling it, which runs do."""
 
 
 def run_ideal(
-    run: Run,
-    progress: Progress | None = None,
-    targets: Array | None = None,
-    controller: Law | Controller | None = None,
+    run: Run, progress: Progress | None = None, targets: Array | None = None, controller: OwnLaw = None
 ) -> Trajectory:
     return engine_of(run, "ideal", controller=controller).run(targets, progress)
 
 
 def run_physics(
-    run: Run,
-    progress: Progress | None = None,
-    targets: Array | None = None,
-    controller: Law | Controller | None = None,
+    run: Run, progress: Progress | None = None, targets: Array | None = None, controller: OwnLaw = None
 ) -> Trajectory:
     return engine_of(run, controller=controller).run(targets, progress)
 

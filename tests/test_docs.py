@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from pkgutil import resolve_name
 from threading import Thread
 from typing import Any
 from xml.etree import ElementTree
@@ -228,23 +229,7 @@ def test_links_lead_to_files(name: str) -> None:
         if not GENERATED & {*place.relative_to(REPOSITORY).parts} or place.is_relative_to(REPOSITORY / "examples"):
             assert place.exists(), to
     for module, attribute in re.findall(r"`(mjsheaf(?:\.[a-z_]+)+)\.([A-Za-z_]\w*)`", page.read_text()):
-        _resolve(f"{module}.{attribute}")
-
-
-def _resolve(path: str) -> None:
-    """Import what a page names."""
-    from importlib import import_module
-
-    parts = path.split(".")
-    for k in range(len(parts), 0, -1):
-        try:
-            found: Any = import_module(".".join(parts[:k]))
-        except ModuleNotFoundError:
-            continue
-        for attribute in parts[k:]:
-            found = getattr(found, attribute)
-        return
-    raise AssertionError(path)
+        resolve_name(f"{module}.{attribute}")
 
 
 @pytest.mark.parametrize("page", ["built", "extending"])

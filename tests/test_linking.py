@@ -4,25 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.commands import python
+from tests.commands import COMPILED, python
 
-PROGRAM = """
+FUNCTIONS = """
 import numpy as np
-from numba.core import event
 from mjsheaf.compile.jit import jit
 
-compiled = []
-
-class Listener(event.Listener):
-    def on_start(self, event):
-        compiled.append(event.data["dispatcher"].py_func.__name__)
-    def on_end(self, event):
-        pass
-
-event.register("numba:compile", Listener())
-{functions}
-"""
-FUNCTIONS = """
 @jit
 def square(x):
     return x * x
@@ -39,8 +26,7 @@ def cube(x):
 
 
 def run(folder: Path, functions: str, calls: str) -> list[str]:
-    file = folder / "program.py"
-    file.write_text(PROGRAM.format(functions=functions))
+    (folder / "program.py").write_text(COMPILED + functions)
     done = python(f"from program import *\n{calls}\nprint(*compiled)", cwd=folder, PYTHONDONTWRITEBYTECODE="1")
     assert done.returncode == 0, done.stderr
     return done.stdout.split()

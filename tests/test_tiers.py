@@ -11,20 +11,9 @@ import pytest
 import mjsheaf
 from mjsheaf.compile import tiers
 from mjsheaf.compile.jit import Held
-from tests.commands import python
+from tests.commands import COMPILED, python
 
-COUNT = """
-from numba.core import event
-
-compiled = []
-
-class Listener(event.Listener):
-    def on_start(self, event):
-        compiled.append(event.data["dispatcher"].py_func.__qualname__)
-    def on_end(self, event):
-        pass
-
-event.register("numba:compile", Listener())
+COUNT = f"""{COMPILED}
 import mjsheaf
 from mjsheaf.compile import tiers
 

@@ -125,24 +125,6 @@ def film_again(out: Path) -> None:
 
 
 @pytest.mark.long
-def test_run_replaces_its_own_directory_and_repeats_its_bits(tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    out = tmp_path / "out"
-    arguments: list[str | Path] = ["run", "local_frames", *QUICK, "--set", "time.end=0.5", "--out", out]
-    assert call(*arguments) == 0
-    first = all_contents(out)
-    assert call(*arguments) == 0
-    second = all_contents(out)
-    assert first.keys() == second.keys()
-    for name in first.keys() - {"summary.json"}:  # which holds the wall time
-        assert first[name] == second[name], name
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
-    request.getfixturevalue("without_plots")
-    again = tmp_path / "again"
-    assert call("run", out / "scenario.yaml", "--backend", "ideal", "--no-video", "--out", again) == 0
-    assert (again / "result.nc").read_bytes() == first["result.nc"]
-
-
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("backend", "gain"), [("ideal", "60"), ("physics", "60"), ("ideal", "1e9"), ("physics", "400")]
 )

@@ -13,7 +13,7 @@ import pytest
 from mjsheaf import load_scenario
 from mjsheaf.errors import ScenarioError
 from tests.builders import refused
-from tests.commands import all_contents, answer_of, call, is_refusal, one_line
+from tests.commands import Answer, all_contents, answer_of, is_refusal
 
 pytestmark = pytest.mark.usefixtures("without_plots")
 
@@ -37,8 +37,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return home
 
 
-def run(*arguments: str) -> int:
-    return call("run", *arguments, "--backend", "ideal", "--no-video")
+def run(*arguments: str) -> Answer:
+    return answer_of("run", *arguments, "--backend", "ideal", "--no-video")
 
 
 def summary(directory: str = "runs/same-ideal") -> dict[str, object]:
@@ -47,55 +47,53 @@ def summary(directory: str = "runs/same-ideal") -> dict[str, object]:
 
 
 @pytest.mark.slow
-def test_a_rerun_replaces_its_own_and_says_so(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("a.yaml") == 0
-    assert "replaced" not in capsys.readouterr().out
+def test_a_rerun_replaces_its_own_and_says_so(project: Path) -> None:
+    first = run("a.yaml")
+    assert first.code == 0
+    assert "replaced" not in first.out
     assert summary()["origin"] == "../../a.yaml"
-    for again in (["a.yaml"], ["a.yaml", "--seed", "3"], ["b/../a.yaml"], [str(project / "a.yaml")]):
-        assert run(*again) == 0
-        assert "replaced the run of 20" in capsys.readouterr().out
-    assert run("runs/same-ideal/scenario.yaml") == 0  # the resolved scenario, run again
-    assert "replaced the run of 20" in capsys.readouterr().out
+    resolved = ["runs/same-ideal/scenario.yaml"]
+    for again in (["a.yaml"], ["a.yaml", "--seed", "3"], ["b/../a.yaml"], [str(project / "a.yaml")], resolved):
+        answer = run(*again)
+        assert answer.code == 0
+        assert "replaced the run of 20" in answer.out
 
 
-def test_another_scenario_of_the_same_name_is_left_alone(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("a.yaml") == 0
+def test_another_scenario_of_the_same_name_is_left_alone(project: Path) -> None:
+    assert run("a.yaml").code == 0
     kept = all_contents(Path("runs"))
-    capsys.readouterr()
-    assert run("b/other.yaml") == 2
-    assert one_line(capsys.readouterr().err, "runs/same-ideal", "a.yaml", "b/other.yaml", "--out")
+    assert is_refusal(run("b/other.yaml"), "runs/same-ideal", "a.yaml", "b/other.yaml", "--out")
     assert all_contents(Path("runs")) == kept
-    assert run("b/other.yaml", "--out", "runs/same-ideal") == 0  # the user says so
+    assert run("b/other.yaml", "--out", "runs/same-ideal").code == 0  # the user says so
     assert summary()["origin"] == "../../b/other.yaml"
 
 
-def test_a_name_of_mjsheafs_own_is_no_file(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("midpoint", "--set", "time.end=0.1") == 0
+def test_a_name_of_mjsheafs_own_is_no_file(project: Path) -> None:
+    assert run("midpoint", "--set", "time.end=0.1").code == 0
     assert summary("runs/midpoint-ideal")["origin"] == "midpoint"
     (project / "mine.yaml").write_text(TINY.replace("same", "midpoint"))
-    assert run("mine.yaml") == 2
-    assert one_line(capsys.readouterr().err, "midpoint", "mine.yaml")
+    assert is_refusal(run("mine.yaml"), "midpoint", "mine.yaml")
 
 
 def test_a_project_may_be_moved(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run("a.yaml") == 0
+    assert run("a.yaml").code == 0
     monkeypatch.chdir(project.parent)
     moved = project.rename(project.parent / "moved")
     monkeypatch.chdir(moved)
-    assert run("a.yaml") == 0
+    assert run("a.yaml").code == 0
 
 
 def test_a_run_from_before_origins_were_kept_is_replaced(project: Path) -> None:
-    assert run("a.yaml") == 0
+    assert run("a.yaml").code == 0
     old = summary()
     del old["origin"]
     Path("runs/same-ideal/summary.json").write_text(json.dumps(old))
-    assert run("b/other.yaml") == 0
+    assert run("b/other.yaml").code == 0
 
 
 def test_a_comparison_keeps_its_place_likewise(project: Path) -> None:
     """Without the cost of two comparisons: what a run of another scenario left stands in the way."""
-    assert run("a.yaml") == 0
+    assert run("a.yaml").code == 0
     shutil.move("runs/same-ideal", "runs/same-compare")
     assert is_refusal(answer_of("compare", "b/other.yaml", "--no-video"), "b/other.yaml", "--out")
 

@@ -25,7 +25,7 @@ from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames, VideoOptions, both_films, half_options
 from mjsheaf.video.overlay import Overlay
 from tests.builders import REPOSITORY, known, require, two_boats
-from tests.commands import Capture, answer_of, call
+from tests.commands import Capture, answer_of, call, is_refusal, one_line
 from tests.pictures import is_legible
 
 DATA = set(COMPARISON_FILES) - {"compare.mp4"}
@@ -114,23 +114,26 @@ def test_command_publishes_and_replaces_its_own(
     jsonschema.validate(found, json.loads(capsys.readouterr().out))
 
 
-def test_command_leaves_what_is_not_its_own(tmp_path: Path, capsys: Capture) -> None:
+def test_command_leaves_what_is_not_its_own(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
-    assert call("compare", "midpoint", "--no-video", *SHORT, "--out", tmp_path) == 2
-    assert "notes.txt" in capsys.readouterr().err
+    assert is_refusal(answer_of("compare", "midpoint", "--no-video", *SHORT, "--out", tmp_path), "notes.txt")
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_command_refuses_in_one_line(tmp_path: Path, capsys: Capture) -> None:
-    for arguments, code in (
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
         (["air_tracks_surface"], 1),
         (["nowhere"], 2),
         (["midpoint", "--set", "time.end=-1"], 2),
         (["midpoint", "--set", "agents.A1.vehicle=nothing"], 2),
-    ):
-        assert call("compare", *arguments, "--no-video", "--out", tmp_path / "out") == code
-        assert capsys.readouterr().err.count("\n") == 1
-        assert not (tmp_path / "out").exists()
+    ],
+)
+def test_command_refuses_in_one_line(arguments: list[str], code: int, tmp_path: Path) -> None:
+    answer = answer_of("compare", *arguments, "--no-video", "--out", tmp_path / "out")
+    assert answer.code == code
+    assert one_line(answer.err)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

@@ -21,15 +21,9 @@ from mjsheaf.comparing.variants import (
     span_of,
 )
 from mjsheaf.scenario import Scenario
-from tests.builders import two_aircraft, two_boats
-from tests.running import run_physics
+from tests.builders import positions_of, two_aircraft, two_boats
 
 OFF = {name: False for name in EFFECTS if name != "contacts"}
-
-
-def positions(dataset: Any) -> Any:
-    both = [dataset[f"{kind}_position"].values for kind in ("agent", "target")]
-    return np.nan_to_num(np.concatenate(both, axis=1))
 
 
 def with_effects(scenario: Scenario, **effects: bool) -> Scenario:
@@ -39,13 +33,14 @@ def with_effects(scenario: Scenario, **effects: bool) -> Scenario:
     )
 
 
-def test_bodies_with_ideal_thrusters_have_no_effect_rungs() -> None:
-    system = two_boats("hull", "hull", vehicles={"agents": "hull", "targets": "hull", "tau": 0.01}).system
-    ladder = ladder_of(system)
-    assert effects_of(system) == []
-    assert [rung.key for rung in ladder] == ["ideal", "targets", "agents", "base", "all"]
-    runs = run_ablation(system, ladder)
-    np.testing.assert_array_equal(positions(runs["all"].dataset), positions(runs["base"].dataset))
+def hulls(tau: float) -> Scenario:
+    return two_boats("hull", "hull", vehicles={"agents": "hull", "targets": "hull", "tau": tau})
+
+
+def test_bodies_with_ideal_thrusters_run_as_without_their_effects() -> None:
+    system = hulls(0.01).system
+    runs = run_ablation(system, ladder_of(system))
+    np.testing.assert_array_equal(positions_of(runs["all"].dataset), positions_of(runs["base"].dataset))
 
 
 LAW: dict[str, Any] = {"gain": 1.0, "control_period": 0.02}
@@ -68,26 +63,30 @@ def test_a_part_has_rungs_without_it(part: str, fields: dict[str, Any], plain: d
     assert [rung.key for rung in ladder[:-2]] == [rung.key for rung in ladder_of(without.system)]
     runs = run_ablation(whole.system, ladder)
     for key, backend in (("ideal", "ideal"), ("all", "physics")):
-        own, other = positions(runs[key].dataset), positions(runs[f"{key}-{part}"].dataset)
-        np.testing.assert_array_equal(own, positions(simulate(whole, backend)))
-        np.testing.assert_array_equal(other, positions(simulate(without, backend)))
+        own, other = positions_of(runs[key].dataset), positions_of(runs[f"{key}-{part}"].dataset)
+        np.testing.assert_array_equal(own, positions_of(simulate(whole, backend)))
+        np.testing.assert_array_equal(other, positions_of(simulate(without, backend)))
         assert np.abs(own - other).max() > 0.01
 
 
-def test_a_slow_body_without_an_autopilot_has_inertia() -> None:
-    slow = {"agents": "hull", "targets": "hull", "tau": 0.2}
-    assert effects_of(two_boats("hull", "hull", vehicles=slow).system) == ["inertia"]
+CONTACTS = {"physics": {"timestep": 0.005, "contacts": True}}
+EFFECTS_OF = {
+    "ideal thrusters": (hulls(0.01), []),
+    "no autopilot, but slow": (hulls(0.2), ["inertia"]),
+    "boat": (two_boats("wamv", "hull"), ["inertia", "drag_law", "limits", "lag"]),
+    "boat without force abeam": (
+        two_boats("otter", "hull"),
+        ["inertia", "drag_law", "limits", "lag", "underactuation"],
+    ),
+    "aircraft": (two_aircraft("x500"), ["inertia", "limits", "lag", "underactuation"]),
+    "switched off": (with_effects(two_boats("wamv", "hull"), lag=False), ["inertia", "drag_law", "limits"]),
+    "contacts": (two_boats("wamv", "hull", **CONTACTS), ["inertia", "drag_law", "limits", "lag", "contacts"]),
+}
 
 
-@pytest.mark.parametrize(
-    ("vehicle", "expected"),
-    [
-        ("wamv", ["inertia", "drag_law", "limits", "lag"]),
-        ("otter", ["inertia", "drag_law", "limits", "lag", "underactuation"]),
-    ],
-)
-def test_rungs_are_the_effects_that_vehicles_have(vehicle: str, expected: list[str]) -> None:
-    system = two_boats(vehicle, "hull").system
+@pytest.mark.parametrize(("scenario", "expected"), EFFECTS_OF.values(), ids=EFFECTS_OF)
+def test_rungs_are_the_effects_that_vehicles_have(scenario: Scenario, expected: list[str]) -> None:
+    system = scenario.system
     assert effects_of(system) == expected
     keys = [rung.key for rung in ladder_of(system)]
     assert keys == ["ideal", "targets", "agents", "base", *(f"+{e}" for e in expected), "all"] + [
@@ -95,26 +94,14 @@ def test_rungs_are_the_effects_that_vehicles_have(vehicle: str, expected: list[s
     ]
 
 
-def test_what_the_scenario_switches_off_is_no_rung() -> None:
-    system = with_effects(two_boats("wamv", "hull"), lag=False).system
-    assert "lag" not in effects_of(system)
-    contacts = two_boats("wamv", "hull", physics={"timestep": 0.005, "contacts": True}).system
-    assert effects_of(contacts)[-1] == "contacts"
-
-
-def test_an_effect_of_an_x500_is_not_its_drag_law() -> None:
-    assert "drag_law" not in effects_of(two_aircraft("x500").system)
-
-
 def test_every_rung_is_the_run_that_it_says() -> None:
-    """Ideal, base, one effect alone, all, and all without one, against plain runs, bit for bit."""
-    scenario = two_boats("otter", "hull", time={"end": 1.0})
-    system = scenario.system
-    runs = run_ablation(system, ladder_of(system))
-    np.testing.assert_array_equal(positions(runs["ideal"].dataset), positions(simulate(scenario, "ideal")))
+    """Ideal, base, one effect alone, all, and all without one, against plain runs, bit for bit and in every phase."""
+    scenario = two_boats("otter", "hull", time={"end": 1.0}, events=[{"time": 0.5, "lose": "A2"}])
+    runs = run_ablation(scenario.phases, ladder_of(scenario.phases))
+    np.testing.assert_array_equal(positions_of(runs["ideal"].dataset), positions_of(simulate(scenario, "ideal")))
     for key, effects in {"base": OFF, "+limits": {**OFF, "limits": True}, "-lag": {"lag": False}, "all": {}}.items():
-        expected = run_physics(with_effects(scenario, **effects).system)
-        np.testing.assert_array_equal(positions(runs[key].dataset), expected.positions, err_msg=key)
+        expected = positions_of(simulate(with_effects(scenario, **effects)))
+        np.testing.assert_array_equal(positions_of(runs[key].dataset), expected, err_msg=key)
 
 
 def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:

@@ -28,13 +28,14 @@ from tests.strategies import tried
 
 HULLS = {"agents": "hull", "targets": "hull"}
 FINE: dict[str, Any] = {"physics": {"timestep": 0.002}}
+HELD = {"gain": 1.0, "control_period": 0.02}
+STILL = [{"id": "T1", "position": [0, 0], "motion": {"kind": "static"}}]
 
 
 def with_tau(tau: float, gain: float, terms: dict[str, Any] | None = None, **fields: Any) -> Scenario:
     """Two hulls with a time constant about a target at rest, under a law that is held for 2 ms."""
     law = {"gain": gain, "control_period": 0.002, **(terms or {})}
-    still = [{"id": "T1", "position": [0, 0], "motion": {"kind": "static"}}]
-    return two_boats("hull", "hull", vehicles={**HULLS, "tau": tau}, controller=law, targets=still, **FINE, **fields)
+    return two_boats("hull", "hull", vehicles={**HULLS, "tau": tau}, controller=law, targets=STILL, **FINE, **fields)
 
 
 def ringing_at_rest(system: System) -> RingingRecord:
@@ -44,8 +45,7 @@ def ringing_at_rest(system: System) -> RingingRecord:
         {"harmonic_extension": (("time", "agent", "axis"), np.repeat(rest, 2, axis=0)), "phase": ("time", [0, 0])},
         coords={"time": [0.0, 1.0]},
     )
-    _, found = find_ringing(phases_of(system), data)
-    assert found is not None
+    found = known(find_ringing(phases_of(system), data)[1])
     assert found.least_damped is not None
     return found
 
@@ -92,38 +92,25 @@ def test_alike_bodies_have_the_damping_of_the_closed_form(tau: float, gain: floa
     assert ringing.effect == "inertia"
 
 
-@pytest.mark.parametrize(
-    ("tau", "gain", "terms", "links"),
-    [
-        (0.3, 5.0, {}, {}),
-        (0.2, 2.0, {}, {}),
-        (0.3, 5.0, {"newton": {"rounds": 10}}, {}),
-        (0.3, 5.0, {}, {"all": {"delay": 0.02}}),
-        (0.1, 3.0, {}, {"all": {"delay": 0.05}}),
-    ],
-)
-def test_bodies_decay_as_the_mode_says(tau: float, gain: float, terms: dict[str, Any], links: dict[str, Any]) -> None:
-    """Within 3 %, over links that delay too: what is under way there rings at once, and is not in the positions."""
-    system = with_tau(tau, gain, terms, links=links).system
-    ringing = ringing_at_rest(system)
-    damping, frequency = decay(system, ringing)
-    assert known(ringing.least_damped).damping == pytest.approx(damping, rel=0.03)
-    assert known(ringing.least_damped).frequency == pytest.approx(frequency, rel=0.03)
+DECAYING: dict[str, tuple[Scenario, float]] = {
+    "a slow body": (with_tau(0.3, 5.0), 0.03),
+    "a quicker body": (with_tau(0.2, 2.0), 0.03),
+    "newton": (with_tau(0.3, 5.0, {"newton": {"rounds": 10}}), 0.03),
+    "a delay": (with_tau(0.3, 5.0, links={"all": {"delay": 0.02}}), 0.03),
+    "a longer delay": (with_tau(0.1, 3.0, links={"all": {"delay": 0.05}}), 0.03),
+    **{name: (two_boats(name, "hull", controller=HELD, targets=STILL), 0.1) for name in ("wamv", "otter")},
+    **{name: (two_aircraft(name, controller=HELD), 0.1) for name in ("hexarotor", "quadrotor")},
+}
+"""Scenarios, and the relative tolerance: boats head in different directions, so that their decay has several modes."""
 
 
-@pytest.mark.parametrize("name", ["wamv", "otter", "hexarotor", "quadrotor"])
-def test_real_vehicles_decay_as_the_mode_says(name: str) -> None:
-    """The boats head in different directions, so that the decay has more than one mode."""
-    controller = {"gain": 1.0, "control_period": 0.02}
-    still = [{"id": "T1", "position": [0, 0], "motion": {"kind": "static"}}]
-    if name in ("wamv", "otter"):
-        system = two_boats(name, "hull", controller=controller, targets=still).system
-    else:
-        system = two_aircraft(name, controller=controller).system
-    ringing = ringing_at_rest(system)
-    damping, frequency = decay(system, ringing)
-    assert known(ringing.least_damped).damping == pytest.approx(damping, rel=0.1)
-    assert known(ringing.least_damped).frequency == pytest.approx(frequency, rel=0.1)
+@pytest.mark.parametrize(("scenario", "rel"), DECAYING.values(), ids=DECAYING)
+def test_bodies_decay_as_the_mode_says(scenario: Scenario, rel: float) -> None:
+    """Over links that delay too: what is under way there rings at once, and is not in the positions."""
+    ringing = ringing_at_rest(scenario.system)
+    damping, frequency = decay(scenario.system, ringing)
+    assert known(ringing.least_damped).damping == pytest.approx(damping, rel=rel)
+    assert known(ringing.least_damped).frequency == pytest.approx(frequency, rel=rel)
 
 
 def test_noise_and_losses_do_not_ring_and_delay_leaves_less_gain() -> None:
@@ -161,7 +148,7 @@ def test_the_usable_gain_does_not_depend_on_the_present_one(gain: float) -> None
 
 
 def boats(vehicle: str, **fields: Any) -> System:
-    return two_boats(vehicle, "hull", **{"controller": {"gain": 1.0, "control_period": 0.02}, **fields}).system
+    return two_boats(vehicle, "hull", **{"controller": HELD, **fields}).system
 
 
 @pytest.mark.slow(each=True)
@@ -227,21 +214,18 @@ def test_the_verdict_says_what_limits_and_the_page_what_was_measured(record: Com
 
 
 def test_the_usable_gain_is_below_the_stable_one(record: CompareRecord) -> None:
-    assert record.ringing is not None
-    assert record.ringing.largest_gain is not None
-    assert known(record.usable_gain) == record.ringing.usable_gain
-    assert known(record.usable_gain) < record.ringing.largest_gain
-    assert record.loop is not None
-    assert (record.loop.largest_gain, record.loop.stable, record.loop.reason) == (record.ringing.largest_gain, True, "")
+    ringing, loop = known(record.ringing), known(record.loop)
+    assert known(record.usable_gain) == ringing.usable_gain
+    assert known(record.usable_gain) < known(ringing.largest_gain)
+    assert (loop.largest_gain, loop.stable, loop.reason) == (ringing.largest_gain, True, "")
 
 
 def test_the_loop_is_that_of_the_bodies_with_their_effects(record: CompareRecord) -> None:
     """Oracle: `check`, whose mean flow is that along the targets' path in theory."""
-    assert record.ringing is not None
-    bodies = analyse(otters())["margins"]["bodies"]
-    assert record.ringing.stable is bodies["stable"]
-    assert record.ringing.largest_gain == pytest.approx(bodies["largest_gain"], rel=0.05)
-    assert known(record.ringing.least_damped).damping == pytest.approx(bodies["least_damped"]["damping"], rel=0.05)
+    ringing, bodies = known(record.ringing), analyse(otters())["margins"]["bodies"]
+    assert ringing.stable is bodies["stable"]
+    assert ringing.largest_gain == pytest.approx(bodies["largest_gain"], rel=0.05)
+    assert known(ringing.least_damped).damping == pytest.approx(bodies["least_damped"]["damping"], rel=0.05)
 
 
 def test_every_error_of_a_comparison_states_its_norm(record: CompareRecord) -> None:

@@ -231,9 +231,7 @@ def test_the_page_says_why_something_is_worse_without_an_effect(torn: CompareRec
         assert words in report_text(torn)
 
 
-@pytest.mark.long
-def test_every_variant_with_one_effect_is_drawn() -> None:
-    record = compare(two_boats("otter", "hull", time={"end": 1.0})).record
+def test_every_variant_with_one_effect_is_drawn(record: CompareRecord) -> None:
     keys = [rung.key for rung in choose_rungs(record)]
     assert {"ideal", "targets", "agents", "base", "all"} <= set(keys)
     assert {rung.key for rung in record.ladder if rung.kind == "alone"} <= set(keys)

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mjsheaf import load_scenario, simulate
 from mjsheaf.export import live as served
 from tests.builders import REPOSITORY
-from tests.commands import IDEAL, call
+from tests.commands import IDEAL, answer_of, call, is_refusal
 
 CLIENT = REPOSITORY / "web" / "foxglove_client.mjs"
 needs_client = pytest.mark.skipif(
@@ -108,13 +108,12 @@ def test_it_is_shown_in_short_pieces_and_its_files_are_those_of_a_run_without(
         assert (tmp_path / "live" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
 
 
-def test_a_port_that_is_taken_is_named(port: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_that_is_taken_is_named(port: int, tmp_path: Path) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", port))
         other.listen()
-        code = call("run", "midpoint", "--no-video", "--live", "--out", tmp_path / "run")
-    assert code == 2
-    assert f"port {port} on 127.0.0.1" in capsys.readouterr().err
+        answer = answer_of("run", "midpoint", "--no-video", "--live", "--out", tmp_path / "run")
+    assert is_refusal(answer, f"port {port} on 127.0.0.1")
     assert not (tmp_path / "run").exists()
 
 

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from mjsheaf import check, load_scenario
-from mjsheaf.errors import InputError, MjsheafError, NotUniqueError
+from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.live.live import Recorder, stable_gain
 from mjsheaf.loop.session import Session
-from tests.builders import boat_and_drone, refused
+from tests.builders import build_scenario, refused
 
 
 def test_a_later_gain_at_the_same_sample_replaces_the_first() -> None:
@@ -50,27 +50,14 @@ def test_what_is_not_possible_is_refused_and_changes_nothing(action: dict[str, A
         assert session.engine.phases is phases
 
 
-def test_agents_that_would_be_free_to_drift_cannot_be_made_so() -> None:
-    """Every action that is accepted leaves a scenario that `mjsheaf run` accepts."""
-    scenario = load_scenario("midpoint", {"time.end": 0.1})
-    with Session(scenario, "ideal") as session:
-        recorder = Recorder(session)
-        agents = scenario.team.agent_ids
-        refused = ""
-        for agent in agents:
-            try:
-                recorder.do({"lose": agent})
-            except MjsheafError as error:
-                refused = str(error)
-        assert "not unique" in refused or "no agent is left" in refused
-        assert 0 <= len(recorder.events) < len(agents)
-        session.step()
-
-
-def test_a_refusal_says_who_would_be_free() -> None:
-    """Three boats in a chain of which the first senses the target."""
-    agents = [{"id": f"B{k}", "position": [5.0 * k, 0.0]} for k in (1, 2, 3)]
-    chain = boat_and_drone(1.0, agents=agents, communication=[["B1", "B2"], ["B2", "B3"]], sensing=[["B1", "T"]])
+def test_agents_cannot_be_left_free_to_drift_and_a_refusal_says_who_would_be() -> None:
+    """Three boats in a chain of which the first senses the target; what is refused leaves a session that goes on."""
+    chain = build_scenario(
+        {f"B{k}": [5.0 * k, 0.0] for k in (1, 2, 3)},
+        {"T": [5, 1, 2]},
+        [["B1", "T"]],
+        communication=[["B1", "B2"], ["B2", "B3"]],
+    )
     with Session(chain, "ideal") as session:
         recorder = Recorder(session)
         for action, words in (
@@ -80,6 +67,11 @@ def test_a_refusal_says_who_would_be_free() -> None:
             with refused(NotUniqueError, *words):
                 recorder.do(action)
         assert recorder.events == []
+        for agent in ("B3", "B2"):
+            recorder.do({"lose": agent})
+        with refused(InputError, "no agent is left"):
+            recorder.do({"lose": "B1"})
+        session.step()
 
 
 @pytest.mark.slow

@@ -10,14 +10,9 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.law.obstacles import centres, distances
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.vehicles.arena import PREFIX
+from tests.builders import OBSTACLES
 
-_WALLS = [
-    {"id": "pole", "kind": "capsule", "ends": [[0.0, -1.0, 3.0], [1.0, 1.0, 7.0]], "radius": 0.5},
-    {"id": "crate", "kind": "box", "centre": [4.0, 4.0, 5.0], "sides": [1.0, 3.0, 2.0], "heading": 30.0},
-    {"id": "ball", "kind": "sphere", "centre": [-5.0, 2.0, 5.0], "radius": 1.0, "motion": {"kind": "waypoints",
-     "points": [[5.0, 2.0, 5.0]], "speed": 0.4}},
-    {"id": "ground", "kind": "half_space", "point": [0.0, 0.0, 0.5], "normal": [0.0, 0.1, 1.0]},
-]  # fmt: skip
+_WALLS = [*OBSTACLES, {"id": "ground", "kind": "half_space", "point": [0.0, 0.0, 0.5], "normal": [0.0, 0.1, 1.0]}]
 
 
 def world(**overrides: Any) -> mjsheaf.World:

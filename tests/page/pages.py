@@ -17,6 +17,7 @@ from mjsheaf import simulate
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario, load_scenario
+from tests.builders import known
 
 Array = NDArray[np.float64]
 
@@ -93,9 +94,7 @@ def series_in(page: bytes) -> dict[str, Array]:
 
 
 def _element(page: bytes, name: str) -> str:
-    match = re.search(rf'id="{name}">(.*?)</script>', page.decode(), re.DOTALL)
-    assert match is not None
-    return match[1]
+    return known(re.search(rf'id="{name}">(.*?)</script>', page.decode(), re.DOTALL))[1]
 
 
 def positions_of(dataset: xr.Dataset, surface: float = 0.0) -> Array:

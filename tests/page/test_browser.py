@@ -19,6 +19,7 @@ from mjsheaf.page.page import Ghost
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.played import seas_of
 from mjsheaf.video.film import film_of
+from tests.builders import known
 from tests.page.browser import missing, open_page
 from tests.page.pages import Made, make_page, positions_of, said_in
 from tests.page.test_page import HOSTILE
@@ -357,8 +358,7 @@ def test_headline_errors_say_what_they_are(browser: Any, estuary: tuple[Path, Ma
     """Oracle: the data's own RMS over agents at the end."""
     page = open_page(browser, estuary[0], width=1280, height=800)
     rms = float(np.sqrt((estuary[1].dataset["tracking_error"].values[-1] ** 2).mean()))
-    said = re.search(r"RMS over agents: ([\d.]+) m", page.locator("#worst").inner_text())
-    assert said is not None
+    said = known(re.search(r"RMS over agents: ([\d.]+) m", page.locator("#worst").inner_text()))
     assert float(said[1]) == pytest.approx(rms, rel=5e-3)
     headings = page.locator("#facts table").first.locator("thead th").all_inner_texts()
     assert [heading.split("\n")[-1] for heading in headings[1:3]] == ["mean over agents", "RMS over agents"]
@@ -517,8 +517,7 @@ def test_names_are_text_whatever_they_contain(browser: Any, tmp_path: Path) -> N
         return HOSTILE + value if isinstance(value, str) and key not in kept else value
 
     said = spoilt({**said_in(made.page), "notes": [{"text": "note", "time": 1.0, "agent": "A1"}]})
-    data = re.search(rb'id="data">(.*?)</script>', made.page, re.DOTALL)
-    assert data is not None
+    data = known(re.search(rb'id="data">(.*?)</script>', made.page, re.DOTALL))
     path = tmp_path / "report.html"
     path.write_bytes(page_module._fill(said, data[1].decode()))
     page = open_page(browser, path, hash="#t=1")

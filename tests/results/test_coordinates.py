@@ -12,34 +12,27 @@ import pytest
 
 from mjsheaf import simulate
 from mjsheaf.scenario import Scenario, load_scenario
-from tests.builders import REPOSITORY
+from tests.builders import REPOSITORY, build_scenario
 
 BACKENDS = ("ideal", "physics")
 EVENTS = [{"time": 0.2, "lose": "D"}, {"time": 0.3, "set": {"controller.gain": 1.5}}]
 
 
 def scenario(**fields: Any) -> Scenario:
-    """A boat, a drone, a submersible and an ungrouped boat; D belongs to two groups."""
-    return load_scenario(
-        {
-            "name": "kinds",
-            "time": {"end": 0.5},
-            "scene": {"surface": "water"},
-            "agents": [
-                {"id": "B", "position": [0, 0], "vehicle": "otter"},
-                {"id": "D", "position": [3, 0, 2]},
-                {"id": "S", "position": [3, 3, -2], "vehicle": "submersible"},
-                {"id": "F", "position": [9, 0]},
-            ],
-            "targets": [{"id": "T", "position": [5, 1, 2]}, {"id": "U", "position": [5, 9]}],
-            "communication": [["B", "D"], ["D", "S"], ["S", "F"]],
-            "sensing": [["B", "T"], ["D", "T"], ["S", "T"], ["F", "U"]],
-            "formations": [
-                {"name": "pair", "members": ["B", "D"], "about": "T", "shape": "line", "spacing": 2},
-                {"name": "dive", "shape": "explicit", "members": ["S"], "displacements": [[0, 0, -1]]},
-            ],
-            **fields,
-        }
+    """A boat, a drone, a submersible and an ungrouped boat."""
+    boat, submersible = {"position": [0, 0], "vehicle": "otter"}, {"position": [3, 3, -2], "vehicle": "submersible"}
+    return build_scenario(
+        {"B": boat, "D": [3, 0, 2], "S": submersible, "F": [9, 0]},
+        {"T": [5, 1, 2], "U": [5, 9]},
+        [["B", "T"], ["D", "T"], ["S", "T"], ["F", "U"]],
+        communication=[["B", "D"], ["D", "S"], ["S", "F"]],
+        formations=[
+            {"name": "pair", "members": ["B", "D"], "about": "T", "shape": "line", "spacing": 2},
+            {"name": "dive", "shape": "explicit", "members": ["S"], "displacements": [[0, 0, -1]]},
+        ],
+        time={"end": 0.5},
+        scene={"surface": "water"},
+        **fields,
     )
 
 

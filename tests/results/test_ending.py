@@ -13,10 +13,10 @@ import pytest
 import mjsheaf
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.results.ending import ending_of_motion, is_level, judge, settling_time
-from mjsheaf.scenario import Scenario, scenario_from_mapping
+from mjsheaf.scenario import Scenario
 from mjsheaf.studies.plan import load_plan
 from mjsheaf.studies.workers import run_job
-from tests.builders import QUADROTOR_PAIR
+from tests.builders import QUADROTOR_PAIR, build_scenario, make_scenario
 
 TIME = np.linspace(0.0, 20.0, 2001)
 UNIT = np.linspace(0.0, 1.0, 1001)
@@ -91,7 +91,7 @@ def test_what_grows_or_still_falls_never_settles(curve: np.ndarray) -> None:
 def ring(gain: float, **fields: Any) -> Scenario:
     """Two quadrotors that begin to circle at a gain between 1.5 and 2, 1/s."""
     law = {"gain": gain, "control_period": 0.02}
-    return scenario_from_mapping({**QUADROTOR_PAIR, "controller": law, "physics": {"timestep": 0.005}, **fields})
+    return make_scenario({**QUADROTOR_PAIR, "controller": law, "physics": {"timestep": 0.005}, **fields})
 
 
 @pytest.mark.slow
@@ -138,18 +138,15 @@ def test_what_noise_and_disturbances_move_has_settled(driven: dict[str, Any]) ->
 )
 def test_noise_and_disturbances_hide_no_limit_cycle(links: dict[str, float], bound: float, expected: str) -> None:
     """Too high a gain for the delay, and commands at the velocity limit; without the delay they explain the motion."""
-    scenario = scenario_from_mapping(
-        {
-            "name": "two_boats",
-            "agents": [{"id": "A1", "position": [-5, 1]}, {"id": "A2", "position": [6, -3]}],
-            "targets": [{"id": "T", "position": [0, 0], "motion": {"kind": "fixed"}}],
-            "communication": [["A1", "A2"]],
-            "sensing": [["A1", "T"], ["A2", "T"]],
-            "controller": {"control_period": 0.05, "gain": 4.0, "velocity_limit": 1.0},
-            "links": {"all": links},
-            "disturbance": {"agents": {"bound": bound}},
-            "time": {"end": 40.0},
-        }
+    scenario = build_scenario(
+        {"A1": [-5, 1], "A2": [6, -3]},
+        {"T": {"position": [0, 0], "motion": {"kind": "fixed"}}},
+        [["A1", "T"], ["A2", "T"]],
+        communication=[["A1", "A2"]],
+        controller={"control_period": 0.05, "gain": 4.0, "velocity_limit": 1.0},
+        links={"all": links},
+        disturbance={"agents": {"bound": bound}},
+        time={"end": 40.0},
     )
     run = mjsheaf.simulate(scenario, "ideal")
     assert ending_of_motion(scenario.system, run) == ending_of_run(scenario.system, run) == expected

@@ -14,22 +14,17 @@ from mjsheaf.results import summarize
 from mjsheaf.results.metrics import evaluate_errors, separations
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.team import Team
+from tests.builders import make_fields
 from tests.oracles.law import residual
 
 TARGET = [10.0, 5.0, 8.0]
 
 
 def scenario(dimensions: list[int], target: int, **group: Any) -> dict[str, Any]:
-    members = [f"A{k}" for k in range(len(dimensions))]
-    agents = enumerate(zip(members, dimensions, strict=True))
-    return {
-        "name": "centering",
-        "time": {"end": 20},
-        "agents": [{"id": m, "position": [float(k)] * n} for k, (m, n) in agents],
-        "targets": [{"id": "T", "position": TARGET[:target], "motion": {"kind": "static"}}],
-        "sensing": [[m, "T"] for m in members],
-        "formations": [{"name": "group", "members": members, "about": "T", **group}],
-    }
+    agents = {f"A{k}": [float(k)] * n for k, n in enumerate(dimensions)}
+    goal = {"T": {"position": TARGET[:target], "motion": {"kind": "static"}}}
+    formation = {"name": "group", "members": [*agents], "about": "T", **group}
+    return make_fields(agents, goal, [[name, "T"] for name in agents], time={"end": 20}, formations=[formation])
 
 
 def team_of(raw: dict[str, Any]) -> Team:

@@ -17,8 +17,8 @@ from mjsheaf.results import join, make_datasets, open_dataset, store, thinned, w
 from mjsheaf.results.store import length_of_piece, pieces_of
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
-from mjsheaf.scenario import Scenario, scenario_from_mapping
-from tests.builders import boat_and_drone
+from mjsheaf.scenario import Scenario
+from tests.builders import boat_and_drone, build_scenario
 from tests.running import run_physics
 
 BACKENDS = ("ideal", "physics")
@@ -149,17 +149,10 @@ def test_memory_does_not_grow_with_the_run(backend: str, piece: Callable[[int], 
 
 def test_thrusters_of_stand_ins_have_their_own_names() -> None:
     """With underactuation off, a boat has other thrusters than its file: its commands have their names."""
-    run = scenario_from_mapping(
-        {
-            "name": "stand_in",
-            "time": {"end": 0.1},
-            "agents": [{"id": "A", "position": [0, 0], "vehicle": "otter"}, {"id": "B", "position": [3, 0]}],
-            "targets": [{"id": "T", "position": [5, 1]}],
-            "sensing": [["A", "T"], ["B", "T"]],
-            "physics": {"effects": {"underactuation": False}},
-        }
-    )
-    system = run.system
+    boats = {"A": {"position": [0, 0], "vehicle": "otter"}, "B": [3, 0]}
+    physics = {"effects": {"underactuation": False}}
+    sensing = [["A", "T"], ["B", "T"]]
+    system = build_scenario(boats, {"T": [5, 1]}, sensing, time={"end": 0.1}, physics=physics).system
     found = run_physics(system)
     dataset = next(make_datasets([found], "physics", 0))
     names = [list(vehicle.thrusters) for vehicle in system.vehicles]

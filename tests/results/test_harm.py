@@ -13,7 +13,7 @@ import pytest
 import mjsheaf
 from mjsheaf.runs.diagnostics import examine_terms
 from mjsheaf.scenario import load_scenario
-from tests.builders import Simulated
+from tests.builders import Simulated, known
 from tests.commands import answer_of
 
 BACKENDS = ("ideal", "physics")
@@ -21,17 +21,14 @@ BACKENDS = ("ideal", "physics")
 
 def examined(name: str, backend: str, **changes: Any) -> dict[str, Any]:
     scenario = load_scenario(name, {path.replace("__", "."): value for path, value in changes.items()})
-    found = examine_terms(scenario.system, mjsheaf.simulate(scenario, backend))
-    assert found is not None
-    return found
+    return known(examine_terms(scenario.system, mjsheaf.simulate(scenario, backend)))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("name", ["harbour_feedforward", "otters_feedforward", "quads_feedforward", "steady_current"])
 def test_healthy_terms_are_not_blamed(name: str, backend: str, simulated: Simulated) -> None:
-    found = examine_terms(load_scenario(name).system, simulated(name, backend))
-    assert found is not None
+    found = known(examine_terms(load_scenario(name).system, simulated(name, backend)))
     assert not found["harm"]
     assert found["jump_m_s"] < 0.01 * found["commanded_m_s"]
     assert (found["share_saturated"] is None) == (backend == "ideal")
@@ -40,8 +37,7 @@ def test_healthy_terms_are_not_blamed(name: str, backend: str, simulated: Simula
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_unfiltered_noise_makes_commands_jump(backend: str, simulated: Simulated) -> None:
-    found = examine_terms(load_scenario("noisy_odometry").system, simulated("noisy_odometry", backend))
-    assert found is not None
+    found = known(examine_terms(load_scenario("noisy_odometry").system, simulated("noisy_odometry", backend)))
     assert found["share_at_limit"] > 0.9
     assert found["jump_m_s"] > 0.5 * found["commanded_m_s"]
     assert "commands jump" in found["harm"][0]
@@ -80,8 +76,7 @@ def test_the_jump_is_the_deviation_of_white_noise(deviation: float, simulated: S
     smooth = np.ones_like(command)
     noise = deviation / np.sqrt(3.0) * np.random.default_rng(1).standard_normal(command.shape)
     dataset["velocity_command"].values[:] = smooth + noise
-    found = examine_terms(load_scenario("quads_feedforward").system, dataset)
-    assert found is not None
+    found = known(examine_terms(load_scenario("quads_feedforward").system, dataset))
     assert found["jump_m_s"] == pytest.approx(deviation, rel=0.03)
     assert found["commanded_m_s"] == pytest.approx(np.sqrt(3.0 + deviation**2), rel=0.03)
 

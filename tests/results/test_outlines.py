@@ -8,14 +8,9 @@ from mjsheaf import load_scenario, plot, simulate
 from mjsheaf.law.obstacles import centres, distances
 from mjsheaf.loop.system import System
 from mjsheaf.show.solids import outline
+from tests.builders import OBSTACLES
 
-_WALLS = [
-    {"kind": "capsule", "ends": [[0.0, -1.0, 3.0], [1.0, 1.0, 7.0]], "radius": 0.5},
-    {"kind": "box", "centre": [4.0, 4.0, 5.0], "sides": [1.0, 3.0, 2.0], "heading": 30.0},
-    {"kind": "sphere", "centre": [-5.0, 2.0, 5.0], "radius": 1.0, "motion": {"kind": "waypoints",
-     "points": [[5.0, 2.0, 5.0]], "speed": 0.4}},
-    {"kind": "half_space", "point": [0.0, 9.0, 0.0], "normal": [0.0, -1.0, 0.0]},
-]  # fmt: skip
+_WALLS = [*OBSTACLES, {"id": "wall", "kind": "half_space", "point": [0.0, 9.0, 0.0], "normal": [0.0, -1.0, 0.0]}]
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.runs.diagnostics import describe_reflections
-from tests.builders import make_scenario
+from tests.builders import build_scenario
 
 PLACES = [[0.0, 0.0], [4.0, 0.0], [1.0, 2.0]]
 
@@ -15,14 +15,14 @@ PLACES = [[0.0, 0.0], [4.0, 0.0], [1.0, 2.0]]
 def ends(measures: str, start: Any) -> list[str]:
     """Return the notes on a triangle that begins at `start`."""
     ids = ["A", "B", "C"]
-    scenario = make_scenario(
-        {
-            "time": {"end": 20.0},
-            "controller": {"gain": 1.0, "control_period": 0.02},
-            "agents": [{"id": id, "position": x} for id, x in zip(ids, start, strict=True)],
-            "communication": [{"between": pair, "measures": measures} for pair in (["A", "B"], ["B", "C"], ["C", "A"])],
-            "formations": [{"name": "f", "shape": "explicit", "members": ids, "displacements": PLACES}],
-        }
+    scenario = build_scenario(
+        dict(zip(ids, start, strict=True)),
+        {},
+        [],
+        time={"end": 20.0},
+        controller={"gain": 1.0, "control_period": 0.02},
+        communication=[{"between": pair, "measures": measures} for pair in (["A", "B"], ["B", "C"], ["C", "A"])],
+        formations=[{"name": "f", "shape": "explicit", "members": ids, "displacements": PLACES}],
     )
     return list(describe_reflections(scenario.team, mjsheaf.simulate(scenario, backend="ideal")))
 

@@ -146,7 +146,6 @@ def whole() -> xr.Dataset:
     ("damage", "said"),
     [
         (lambda d: d.drop_vars("agent_flow"), "has no agent_flow"),
-        (lambda d: d.drop_vars("tracking_error"), "has no tracking_error"),
         (_transposed("disagreement"), "disagreement over (agent, time) and not (time, agent)"),
         (_transposed("agent_position"), "agent_position over (axis, agent, time)"),
         (lambda d: d.assign(agent_velocity=d["agent_velocity"].astype(str)), "agent_velocity of the type"),

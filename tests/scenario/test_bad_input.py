@@ -242,7 +242,9 @@ def test_usage(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     _refused([a.replace("{tmp}", str(tmp_path)) for a in arguments], expected, tmp_path)
 
 
-@pytest.mark.parametrize("place", ["file", "below a file", "foreign directory", "foreign file in a run", "link"])
+@pytest.mark.parametrize(
+    "place", ["file", "below a file", "foreign directory", "foreign file in a run", "link", "read-only parent"]
+)
 def test_output_is_never_put_over_what_is_not_ours(place: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     if place == "file":
@@ -257,20 +259,16 @@ def test_output_is_never_put_over_what_is_not_ours(place: str, tmp_path: Path) -
         out.mkdir()
         (out / "summary.json").write_text('{"mjsheaf_version": "0"}')
         (out / "notes.txt").write_text("mine")
-    else:
+    elif place == "link":
         (tmp_path / "elsewhere").mkdir()
         out.symlink_to(tmp_path / "elsewhere")
+    else:
+        out = Path("/proc/mjsheaf/out")  # where nobody, the superuser included, makes directories
     _refused(
         ["run", "midpoint", "--backend", "ideal", "--no-video", "--set", "time.end=0.1", "--out", str(out)],
         [str(out)],
         tmp_path,
     )
-
-
-def test_read_only_parent(tmp_path: Path) -> None:
-    # /proc refuses new directories to everyone, the superuser included.
-    arguments = ["run", "midpoint", "--backend", "ideal", "--no-video", "--out", "/proc/mjsheaf/out"]
-    _refused(arguments, ["/proc/mjsheaf/out"], tmp_path)
 
 
 def test_every_mistake_has_a_line(tmp_path: Path) -> None:

@@ -20,23 +20,19 @@ from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
 from mjsheaf.studies.workers import run_job
 from mjsheaf.vehicles.effects import Effects
 from mjsheaf.video.film import film_of
-from tests.builders import small_plan
+from tests.builders import make_fields, small_plan
 
-TEAM = {
-    "name": "fleet",
-    "time": {"end": 0.3},
-    "controller": {"gain": 0.5, "control_period": 0.02},
-    "agents": [
-        {"id": "A1", "position": [0, 0], "vehicle": "otter"},
-        {"id": "A2", "position": [9, 0], "vehicle": "wamv"},
-        {"id": "A3", "position": [0, 9], "vehicle": "otter"},
-    ],
-    "targets": [{"id": "T1", "position": [5, 5, 5], "vehicle": "x500"}],
-    "communication": [["A1", "A2"], ["A2", "A3"]],
-    "sensing": [["A1", "T1"]],
-    "physics": {"timestep": 0.004},
-    "expect": {"ideal": {"tracking_error": 1e3}, "physics": {"tracking_error": 1e3}},
-}
+BOATS = {"A1": ([0, 0], "otter"), "A2": ([9, 0], "wamv"), "A3": ([0, 9], "otter")}
+TEAM = make_fields(
+    {id: {"position": place, "vehicle": vehicle} for id, (place, vehicle) in BOATS.items()},
+    {"T1": {"position": [5, 5, 5], "vehicle": "x500"}},
+    [["A1", "T1"]],
+    time={"end": 0.3},
+    controller={"gain": 0.5, "control_period": 0.02},
+    communication=[["A1", "A2"], ["A2", "A3"]],
+    physics={"timestep": 0.004},
+    expect={"ideal": {"tracking_error": 1e3}, "physics": {"tracking_error": 1e3}},
+)
 
 
 class Counts:

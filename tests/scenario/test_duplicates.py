@@ -8,25 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import load_scenario
 from mjsheaf.errors import ScenarioError
-from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.scenario.load import list_scenarios
-from tests.builders import refused
+from mjsheaf.scenario import Scenario
+from tests.builders import build_scenario, refused
 
 
 def scenario(**fields: Any) -> Scenario:
-    return scenario_from_mapping(
-        {
-            "name": "twice",
-            "time": {"end": 1},
-            "agents": [{"id": "Q1", "position": [0, 0, 3]}, {"id": "O1", "position": [1, 0]}],
-            "targets": [{"id": "T", "position": [5, 5]}, {"id": "S", "position": [6, 5]}],
-            "sensing": [["Q1", "T"], ["O1", "T"]],
-            "anchors": [{"agent": "Q1", "axes": ["z"], "value": [3]}],
-            **fields,
-        }
-    )
+    members = {"Q1": [0, 0, 3], "O1": [1, 0]}, {"T": [5, 5], "S": [6, 5]}, [["Q1", "T"], ["O1", "T"]]
+    usual = {"time": {"end": 1}, "anchors": [{"agent": "Q1", "axes": ["z"], "value": [3]}]}
+    return build_scenario(*members, **(usual | fields))
 
 
 SAME: dict[str, tuple[str, list[Any]]] = {
@@ -84,15 +74,6 @@ def test_a_parallel_edge_that_is_meant_counts_beside_the_other(case: str, which:
 def test_edges_that_differ_are_no_duplicates(case: str) -> None:
     field, edges = DIFFERENT[case]
     scenario(**{field: edges})
-
-
-@pytest.mark.slow
-def test_what_ships_has_no_duplicates() -> None:
-    for name in list_scenarios():
-        load_scenario(name)
-    for graph in ("ring", "nearest", "small_world"):
-        for seed in range(5):
-            load_scenario("swarm", {"swarm.graph": graph, "swarm.size": 12, "seed": seed})
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import mjsheaf
 from mjsheaf.errors import NotUniqueError, ScenarioError
 from mjsheaf.files import parse_yaml, read_yaml
 from mjsheaf.results import summarize
-from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
+from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
 from mjsheaf.scenario.load import parse_override
 from mjsheaf.team.edges import ExplicitMaps
 from tests.builders import Simulated, shipped, validator_of
@@ -230,20 +230,3 @@ def test_time_end_keeps_whole_periods() -> None:
         assert len(load_scenario("paper", {"time.end": end}).system.grid.samples) == samples
     times = load_scenario("paper").system.grid.samples
     np.testing.assert_allclose(times, 0.01 * np.arange(1, 5000), atol=1e-12)
-
-
-def test_scenario_from_a_mapping() -> None:
-    scenario = scenario_from_mapping(
-        {
-            "name": "tiny",
-            "agents": [{"id": "A", "position": [0, 0]}],
-            "targets": [{"id": "T", "position": [3, 4]}],
-            "sensing": [["A", "T"]],
-            "time": {"end": 5},
-            "controller": {"gain": 2.0},
-        }
-    )
-    ds = mjsheaf.simulate(scenario, "ideal")
-    # A held first-order loop: the error shrinks by 1 - k h each period, exactly.
-    expected = 5.0 * (1.0 - 2.0 * 0.01) ** np.arange(501)
-    np.testing.assert_allclose(ds["tracking_error"].values[:, 0], expected, rtol=1e-9, atol=1e-12)

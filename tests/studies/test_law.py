@@ -6,7 +6,6 @@ Oracles: plain runs; the study that ships; counts in closed form.
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pydantic import ValidationError
 
 from mjsheaf import simulate
 from mjsheaf.results.metrics import late_errors
@@ -66,13 +65,6 @@ def test_fields_that_go_together_are_one_axis() -> None:
     for record in records:
         record["numbers_per_agent_second"] = 0.0
     assert sorted(plot_study(study, "name", records)) == ["error.png"]
-
-
-@pytest.mark.parametrize("names", [["one"], ["one", "one"], ["one", "two", "three"]])
-def test_points_have_a_name_each_or_none(names: list[str]) -> None:
-    points = [{"controller.gain": 1}, {"controller.gain": 2}]
-    with pytest.raises(ValidationError, match="names"):
-        StudyFile.model_validate({"scenario": "paper", "points": points, "names": names})
 
 
 def test_plots_may_show_the_last_half() -> None:

@@ -113,6 +113,9 @@ def test_draws_follow_their_distributions() -> None:
         ({"grid": {"a": [1, [10**30]]}}, "number of 31 digits"),
         ({"grid": {"a": [1]}, "labels": {"b": "B (m)"}}, "b is not swept; expected a"),
         ({"backend": "real"}, "'physics' or 'ideal'"),
+        ({"points": [{"a": 1}, {"a": 2}], "names": ["one"]}, "names"),
+        ({"points": [{"a": 1}, {"a": 2}], "names": ["one", "one"]}, "names"),
+        ({"points": [{"a": 1}, {"a": 2}], "names": ["one", "two", "three"]}, "names"),
     ],
 )
 def test_what_does_not_fit_is_refused(fields: dict[str, Any], said: str) -> None:

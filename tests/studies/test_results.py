@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
 
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.style import FigureOptions
@@ -162,20 +161,23 @@ STUDIES: list[dict[str, Any]] = [
     {"draws": {"count": 30, "values": {"a": {"kind": "uniform", "low": 0, "high": 1}}}},
     {"grid": {"a": [2]}},
     {"grid": {"a": ["$\\frac$", "$x", "a" * 60 + ".yaml"]}, "labels": {"a": "what $\\this$ costs (m)"}},
+    {"grid": {"a": list(range(14)), "b": [x / 7 for x in range(14)]}},
 ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("failing", [False, True])
-@pytest.mark.parametrize("fields", [*STUDIES, {"grid": {"a": list(range(14)), "b": [x / 7 for x in range(14)]}}])
-def test_every_kind_of_study_is_legible(fields: dict[str, Any], failing: bool, drawn: list[Figure]) -> None:
+@pytest.mark.parametrize("fields", STUDIES)
+def test_every_kind_of_study_is_drawn_and_legible(fields: dict[str, Any], failing: bool, drawn: list[Figure]) -> None:
     study = StudyFile.model_validate({"scenario": "midpoint", **fields})
     records = made_up(study, failing)
     for record in records:
         record["numbers_per_agent_second"] = 10.0 * record["run"]
         if len(records) < 10 and record["status"] == "finished":
             record["series"] = {"time": [0.0, 1.0, 2.0]} | {m: [3.0, 2.0, 1.0 + record["run"]] for m in MEASURES}
-    plot_study(study, "name", records)
+    plots = plot_study(study, "name", records)
+    assert ("error.png" in plots) == any(record["status"] == "finished" for record in records)
+    assert ("success.png" in plots) == failing
     assert drawn
     assert all(map(is_legible, drawn))
 
@@ -188,24 +190,6 @@ def test_a_page_has_its_pictures_whatever_the_files_are() -> None:
     assert "error.pdf" in files
     assert not any(name.endswith((".png", ".svg")) for name in files)
     assert b"data:image/png;base64," in files["index.html"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("failing", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("fields", STUDIES)
-def test_every_kind_of_study_is_drawn(fields: dict[str, Any], failing: bool, tmp_path: Path) -> None:
-    study = StudyFile.model_validate({"scenario": "midpoint", **fields})
-    records = made_up(study, failing)
-    plots = plot_study(study, "name", records)
-    assert plots == plot_study(study, "name", records)
-    finished = any(r["status"] == "finished" for r in records)
-    assert ("error.png" in plots) == finished
-    assert ("success.png" in plots) == failing
-    for name, png in plots.items():
-        (tmp_path / name).write_bytes(png)
-        with Image.open(tmp_path / name) as picture:
-            assert min(picture.size) > 400
-            assert len(np.unique(np.asarray(picture.convert("L")))) > 20
 
 
 @pytest.mark.slow

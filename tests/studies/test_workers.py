@@ -27,7 +27,6 @@ from mjsheaf.studies.workers import (
     _spawning,
     local_workers,
     new_record,
-    run_job,
     workers_at,
 )
 from mjsheaf.threads import ONE_THREAD
@@ -62,18 +61,6 @@ def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
         assert len({first[name] for name in first if name.startswith("runs")}) == 8
         for name, other in found.items():
             assert other == first, name
-
-
-def test_a_run_of_a_study_is_the_run_of_its_scenario() -> None:
-    import mjsheaf
-    from mjsheaf.results import summarize
-
-    plan = small_plan(gains=(2.0,), seeds=(7, 8), overrides={"spread.position": 1.0})
-    record = run_job(plan.job(plan.points[0])).record
-    overrides = {"time.end": 0.5, "spread.position": 1.0, "controller.gain": 2.0, "seed": 7}
-    scenario = mjsheaf.load_scenario("midpoint", overrides)
-    assert record["final"] == summarize(scenario.system.team, mjsheaf.simulate(scenario, "ideal"))
-    assert (record["run"], record["seed"], record["status"], record["message"]) == (0, 7, "finished", "")
 
 
 # -- workers ---------------------------------------------------------------------------------------------------------

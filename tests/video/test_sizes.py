@@ -7,14 +7,12 @@ from hypothesis import strategies as st
 
 from mjsheaf import simulate
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.errors import InputError
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.style import MAX_GAP_FRACTION, MIN_FRACTION, automatic_scales, list_scales, round_number, run_size
 from mjsheaf.vehicles.loading import SEEN_GROUPS
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import both_films, film_of, half_options, video_options
-from tests.builders import ONE_BOAT, make_scenario
 from tests.commands import drawing
 from tests.strategies import examples
 
@@ -107,13 +105,6 @@ def test_both_halves_of_a_comparison_have_the_same_scales() -> None:
     runs = [simulate(scenario, backend) for backend in ("ideal", "physics")]
     (left, _), (right, _) = both_films(scenario, runs[0], runs[1], half_options(scenario))
     np.testing.assert_array_equal(left.scales, right.scales)
-
-
-def test_names_of_scales_reach_the_terminal_without_control_characters() -> None:
-    with pytest.raises(InputError) as caught:
-        make_scenario(ONE_BOAT | {"scene": {"vehicle_scales": {"\x1b[31mred\x07": 2.0}}})
-    assert str(caught.value).isprintable()
-    assert r"\x1b[31mred" in str(caught.value)
 
 
 def test_video_page_and_plots_look_from_one_side() -> None:
