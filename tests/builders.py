@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
@@ -26,7 +26,7 @@ from mjsheaf import Sheaf, World
 from mjsheaf.files import dump_yaml
 from mjsheaf.loop.fused import Fused
 from mjsheaf.loop.loop import AUTOPILOT, STOPPED
-from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
+from mjsheaf.media.flow import Channel, FlowField, Source, Vortex
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.show.played import Poses, Stage
 from mjsheaf.studies import Plan, load_plan
@@ -35,6 +35,7 @@ from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
 from mjsheaf.video import Film
+from tests.oracles.flow import flow_jacobian as flow_jacobian
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -745,31 +746,3 @@ def of_facts(facts: dict[str, Any]) -> FlowField:
     """A field of the published run."""
     channels = [[*centre, *direction, *rest] for centre, direction, *rest in facts["gaussian_channels"]]
     return field_of(facts["dimension"], facts["core"], facts["drift"], facts["sources"], facts["vortices"], channels)
-
-
-def flow_jacobian(field: FlowField, points: ArrayLike) -> Array:
-    """Jacobian dw/dx of a flow field at points of shape (..., d), shape (..., d, d), 1/s, from its formulas."""
-    shape = np.shape(points)
-    x = np.zeros((int(np.prod(shape[:-1])), 3))
-    x[:, : shape[-1]] = np.reshape(points, (-1, shape[-1])) if x.size else 0.0
-    mask = np.array([1.0, 1.0, float(field.dimension == 3)])
-    p = 1.5 if field.dimension == 3 else 1.0
-    J = np.zeros((len(x), 3, 3))
-    for kind, _, *numbers in field.table[1:]:
-        centre, axis = np.array(numbers[:3]), np.array(numbers[3:6])
-        strength, first, second = numbers[6:]
-        r = (x - centre) * mask
-        if kind == CHANNEL:
-            along = r @ axis
-            across = r - along[:, None] * axis
-            a = strength * np.exp(-np.einsum("ki,ki->k", across, across) * first - along**2 * second)
-            slope = -2.0 * a[:, None] * (first * across + second * along[:, None] * axis)
-            J += axis[:, None] * slope[:, None, :]
-            continue
-        s = (np.einsum("ki,ki->k", r, r) + first)[:, None, None]
-        if kind == SOURCE:
-            J += strength * (np.diag(mask) / s**p - 2.0 * p * r[:, :, None] * r[:, None, :] / s ** (p + 1.0))
-        else:
-            turn = np.cross(np.eye(3), axis)  # turn @ r = axis x r
-            J += strength * (turn * mask / s - 2.0 * (r @ turn.T)[:, :, None] * r[:, None, :] / s**2)
-    return J.reshape(*shape[:-1], 3, 3)[..., : shape[-1], : shape[-1]]
