@@ -17,13 +17,13 @@ pytest.importorskip("dm_control")  # has no build for the newest Pythons
 
 from gymnasium.vector import AsyncVectorEnv
 
-from mjsheaf import Session, load_scenario, simulate
+from mjsheaf import Session, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.envs import dm_env, env, parallel_env, vector_env
 from mjsheaf.errors import InputError
 from mjsheaf.noise import next_seed
 from mjsheaf.scenario import Scenario
-from tests.builders import mixed_scenario, refused
+from tests.builders import build_scenario, mixed_scenario, refused
 
 RANDOM: dict[str, Any] = {
     "spread": {"position": 0.5},
@@ -186,19 +186,17 @@ def test_info_names_the_seed() -> None:
 def test_runs_whose_seeds_change_what_they_share_go_on_one_by_one() -> None:
     """Frozen gusts have as many nodes as the ways along which vehicles may go, which begin where a seed draws them."""
     gusts = {"kind": "dryden", "wind_speed": 6, "frozen": True}
-    scenario = load_scenario(
-        {
-            "name": "frozen",
-            "time": {"end": 2},
-            "controller": {"gain": 0.5, "control_period": 0.1},
-            "agents": [{"id": id, "position": [x, 0, 5], "vehicle": "x500"} for id, x in (("A", 0), ("B", 5))],
-            "targets": [{"id": "T", "position": [2, 2, 5]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"]],
-            "spread": {"position": 4},
-            "flow": {"air": {"dimension": 3, "drift": [1, 0, 0], "gusts": gusts}},
-            "physics": {"timestep": 0.01},
-        }
+    scenario = build_scenario(
+        {"A": [0, 0, 5], "B": [5, 0, 5]},
+        {"T": [2, 2, 5]},
+        [["A", "T"]],
+        communication=[["A", "B"]],
+        time={"end": 2},
+        controller={"gain": 0.5, "control_period": 0.1},
+        vehicles={"agents": "x500"},
+        spread={"position": 4},
+        flow={"air": {"dimension": 3, "drift": [1, 0, 0], "gusts": gusts}},
+        physics={"timestep": 0.01},
     )
     runs: Any = vector_env(scenario, 1)
     alone = env(scenario, engine="fused")

@@ -71,13 +71,18 @@ def horizon(scenario: Scenario, cycles: int) -> float:
     return min(cycles, scenario.whole.grid.steps) * scenario.whole.grid.period
 
 
+def require_conformance(scenario: Scenario, **options: Any) -> None:
+    """Run the suites of PettingZoo and of Gymnasium."""
+    parallel_api_test(parallel_env(scenario, **options), num_cycles=60)
+    parallel_seed_test(lambda: parallel_env(scenario, **options), num_cycles=30)
+    check_env(env(scenario, **options), skip_render_check=True)
+
+
 @pytest.mark.parametrize("change", [{"time": {"end": 0.2}}, LOST, GONE])
 def test_the_conformance_suites_pass(change: dict[str, Any]) -> None:
     scenario = mixed_scenario(**change)
-    parallel_api_test(parallel_env(scenario), num_cycles=60)
-    parallel_seed_test(lambda: parallel_env(scenario), num_cycles=30)
+    require_conformance(scenario)
     compare_seeds(scenario, 60)
-    check_env(env(scenario), skip_render_check=True)
 
 
 @pytest.mark.slow

@@ -18,23 +18,13 @@ import yaml
 from numpy.typing import NDArray
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import (
-    RAFT,
-    Edit,
-    adding,
-    altered,
-    attitudes,
-    find,
-    refused,
-    setting,
-    xml_of,
-    yaws,
-)
+from tests.builders import RAFT, Edit, adding, altered, attitudes, find, make_fields, refused, setting, xml_of, yaws
+from tests.commands import answer_of, is_refusal
+from tests.running import rms_error
 
 Array = NDArray[np.float64]
 
@@ -300,25 +290,19 @@ def test_a_vehicle_that_all_runs_share_cannot_be_written_into() -> None:
 
 # -- a user's vehicle: tests/data/raft.xml and raft.yaml are the example of the README ---------------------------------
 
-SCENARIO = {
-    "name": "rafts",
-    "time": {"end": 20.0},
-    "controller": {"gain": 0.4, "control_period": 0.05},
-    "agents": [{"id": "one", "position": [-3, 1], "heading": 30}, {"id": "two", "position": [-1, -3]}],
-    "targets": [
-        {
-            "id": "buoy",
-            "position": [0, 0],
-            "motion": {"kind": "waypoints", "points": [[16, 8]], "speed": 0.3, "pull": 1.0},
-        }
-    ],
-    "communication": [["one", "two"]],
-    "sensing": [["one", "buoy"], ["two", "buoy"]],
-    "formations": [{"name": "pair", "shape": "line", "members": ["one", "two"], "about": "buoy", "spacing": 3.0}],
-    "flow": {"agents": {"dimension": 2, "drift": [0.2, -0.1]}},
-    "physics": {"timestep": 0.005},
-    "vehicles": {"agents": "boats/raft.yaml"},
-}
+SCENARIO = make_fields(
+    {"one": {"position": [-3, 1], "heading": 30}, "two": [-1, -3]},
+    {"buoy": [0, 0]},
+    [["one", "buoy"], ["two", "buoy"]],
+    communication=[["one", "two"]],
+    time={"end": 20.0},
+    controller={"gain": 0.4, "control_period": 0.05},
+    target_motion={"kind": "waypoints", "points": [[16, 8]], "speed": 0.3, "pull": 1.0},
+    formations=[{"name": "pair", "shape": "line", "members": ["one", "two"], "about": "buoy", "spacing": 3.0}],
+    flow={"agents": {"dimension": 2, "drift": [0.2, -0.1]}},
+    physics={"timestep": 0.005},
+    vehicles={"agents": "boats/raft.yaml"},
+)
 
 
 @pytest.fixture
@@ -352,30 +336,24 @@ def test_a_raft_is_what_its_files_say() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
-def test_a_scenario_may_name_a_vehicle_by_its_path(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scenario_may_name_a_vehicle_by_its_path(scenario: Path) -> None:
     """`mjsheaf run` in the files' folder or elsewhere: rafts keep the formation about as well as points would."""
     out = scenario.parent / "out"
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", str(scenario), "--no-video", "--out", str(out)])
-    assert not stopped.value.code, capsys.readouterr().err
+    answer = answer_of("run", scenario, "--no-video", "--out", out)
+    assert answer.code == 0, answer.err
     summary = json.loads((out / "summary.json").read_text())
     assert summary["status"] == "finished"
     with xr.open_dataset(out / "result.nc") as run:
         assert float(np.abs(run.agent_height).max()) < 0.05
         assert float(run.agent_saturation[-200:].max()) == 0.0
     ideal = simulate(load_scenario(str(scenario)), backend="ideal")
-    assert summary["final"]["tracking_error"] < 1.1 * float(np.sqrt((ideal.tracking_error[-1] ** 2).mean())) + 0.05
+    assert summary["final"]["tracking_error"] < 1.1 * rms_error(ideal)[-1] + 0.05
     assert summary["final"]["formation_error"] < 0.1
 
 
-def test_a_wrong_vehicle_is_one_line_on_stderr(scenario: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_vehicle_is_one_line_on_stderr(scenario: Path) -> None:
     """Exit code 2, and the line names the scenario's field, the vehicle's file, and what is wrong."""
     raft = scenario.parent / "boats" / "raft.yaml"
     raft.write_text(raft.read_text().replace("attitude:", "altitude:"))
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", str(scenario), "--no-video", "--out", str(scenario.parent / "out")])
-    assert stopped.value.code == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    for part in ("rafts.yaml", "raft.yaml", "altitude"):
-        assert part in error
+    answer = answer_of("run", scenario, "--no-video", "--out", scenario.parent / "out")
+    assert is_refusal(answer, "rafts.yaml", "raft.yaml", "altitude")
