@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import World, load_scenario
+from mjsheaf import World
 from mjsheaf.errors import InputError
+from mjsheaf.law import pack_law
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, Worlds
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
-from tests.builders import mixed_scenario, two_boats
+from tests.builders import build_scenario, list_members, mixed_scenario, two_boats
 from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
 
 BACKENDS = [(run_ideal, stream_ideal), (run_physics, stream_physics)]
@@ -24,10 +25,7 @@ def without_an_edge(system: System) -> System:
     """The same vehicles without the first edge among agents and with another gain."""
     team = system.team
     fewer = Team(team.agents, team.targets, team.communication[1:], team.sensing, team.target_edges, team.formations)
-    from mjsheaf.law import pack_law
-
-    law = pack_law(fewer, 2.0, 0.0, system.law.limit)
-    return replace(system, team=fewer, gain=2.0, law=law)
+    return replace(system, team=fewer, gain=2.0, law=pack_law(fewer, 2.0, 0.0, system.law.limit))
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=["ideal", "bodies"])
@@ -93,20 +91,15 @@ def test_a_world_goes_on_from_a_state_to_the_bit(period: float, steps: int) -> N
 
 def in_a_flow(drift: list[float], **fields: Any) -> Scenario:
     """Sixteen boats that lie where they should: they drift together, and the law has nothing to do."""
-    agents = [{"id": f"A{k}", "position": [1.0, 2.0]} for k in range(15)]
-    return load_scenario(
-        {
-            "time": {"end": 3.0},
-            "controller": {"gain": 1.0, "control_period": 0.1},
-            "agents": agents,
-            "targets": [{"id": "T", "position": [1.0, 2.0]}],
-            "sensing": [[agent["id"], "T"] for agent in agents],
-            "flow": {"water": {"dimension": 2, "drift": drift}},
-            "vehicles": {"tau": 0.1},
-            "physics": {"timestep": 0.01},
-            **fields,
-        }
-    )
+    agents = {f"A{k}": [1.0, 2.0] for k in range(15)}
+    usual: dict[str, Any] = {
+        "time": {"end": 3.0},
+        "controller": {"gain": 1.0, "control_period": 0.1},
+        "flow": {"water": {"dimension": 2, "drift": drift}},
+        "vehicles": {"tau": 0.1},
+        "physics": {"timestep": 0.01},
+    }
+    return build_scenario(agents, {"T": [1.0, 2.0]}, [[id, "T"] for id in agents], **usual | fields)
 
 
 @pytest.mark.parametrize("disturbed", [False, True])
@@ -142,10 +135,9 @@ def test_a_phase_brings_its_own_motions_of_targets(backend: str) -> None:
 
 
 def test_a_phase_brings_its_own_effectiveness_on_ideal_kinematics() -> None:
-    whole, aft = in_a_flow([0, 0], spread={"position": 1.0}).system, [[0.0], [1.0]]
-    agents = [a.model_dump(mode="json", exclude_none=True) for a in in_a_flow([0, 0]).agents]
-    agents = [agent | {"effectiveness": {"layout": aft}} for agent in agents]
-    other = in_a_flow([0, 0], spread={"position": 1.0}, agents=agents).system
+    whole = in_a_flow([0, 0], spread={"position": 1.0}).system
+    aft = list_members({f"A{k}": [1.0, 2.0] for k in range(15)}, effectiveness={"layout": [[0.0], [1.0]]})
+    other = in_a_flow([0, 0], spread={"position": 1.0}, agents=aft).system
     first, second = (d["agent_velocity"].values for d in stream([Phase(0, whole), Phase(5, other)], "ideal", 0))
     assert np.abs(first[..., 0]).max() > 0.1
     assert not second[..., 0].any()
@@ -169,12 +161,10 @@ def test_a_phase_brings_its_own_effectiveness_on_ideal_kinematics() -> None:
 def test_a_phase_cannot_change_the_vehicles_or_the_clock(name: str, change: dict[str, Any]) -> None:
     system = in_a_flow([0, 0]).system
     other = replace(system, bodies=replace(system.bodies, **change))
-    if not change:
-        fields: dict[str, Any] = {
-            "initial": {"initial": system.initial + 1.0},
-            "grid": {"grid": replace(system.grid, steps=9)},
-        }
-        other = replace(system, **fields[name])
+    if name == "initial":
+        other = replace(system, initial=system.initial + 1.0)
+    elif name == "grid":
+        other = replace(system, grid=replace(system.grid, steps=9))
     with pytest.raises(InputError, match=rf"phase from sample 8 has other .*{name}.*expected the same") as error:
         phases_of([Phase(0, system), Phase(8, other)])
     assert "\n" not in str(error.value)

@@ -11,8 +11,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.media.medium import advance, mean_flow, new_state, surface_about
 from mjsheaf.media.waves import GRAVITY, Waves, wave_numbers
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.load import scenario_from_mapping
-from tests.builders import mixed_scenario, pursuit
+from tests.builders import build_scenario, mixed_scenario, pursuit
 from tests.media.test_flow_events import pieces_of
 
 PM = {"kind": "pierson_moskowitz", "significant_height": 1.0, "peak_period": 2.0 * np.pi}
@@ -114,17 +113,13 @@ def test_slopes_and_rate_of_the_surface_are_its_derivatives() -> None:
 
 def drifting(waves: dict[str, Any], depth: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Return how fast a buoy and a free particle at a depth drift on ideal kinematics, shape (2,) each, m/s."""
-    scenario = scenario_from_mapping(
-        {
-            "name": "drift",
-            "time": {"end": end},
-            "controller": {"gain": 1e-9, "control_period": 0.1},
-            "agents": [{"id": "A", "position": [0, 50]}],
-            "targets": [{"id": "buoy", "position": [0, 0]}, {"id": "particle", "position": [0, 0, -depth]}],
-            "sensing": [["A", "buoy"]],
-            "communication": [],
-            "flow": {"water": {"dimension": 2, "waves": waves}},
-        }
+    scenario = build_scenario(
+        {"A": [0, 50]},
+        {"buoy": [0, 0], "particle": [0, 0, -depth]},
+        [["A", "buoy"]],
+        time={"end": end},
+        controller={"gain": 1e-9, "control_period": 0.1},
+        flow={"water": {"dimension": 2, "waves": waves}},
     )
     positions = pieces_of(scenario.phases, "ideal", "mujoco")["positions"]
     moved = (positions[-1] - positions[0])[:, :2] / end
