@@ -6,7 +6,6 @@ Oracles: `simulate` and a plain `World`, to the bit; the dataset's tracking erro
 import importlib
 import io
 import os
-import pickle
 import pkgutil
 import subprocess
 import sys
@@ -238,19 +237,6 @@ def test_what_cannot_be_simulated_is_no_environment() -> None:
         dm_env("midpoint")  # type: ignore[arg-type]
     with refused(InputError, "seed is 'x' (str)", "whole number"):
         dm_env(mixed_scenario(), seed="x")  # type: ignore[arg-type]
-
-
-def test_a_copy_goes_on_by_itself() -> None:
-    env = dm_env(mixed_scenario(time={"end": 0.2}, links={"all": {"noise": 0.1, "delay": 0.02}}))
-    env.reset()
-    for _ in range(3):
-        env.step({})
-    copies = [env.physics.copy(), pickle.loads(pickle.dumps(env.physics))]
-    env.physics.step(50)
-    for copied in copies:
-        assert copied.data.qpos.tobytes() != env.physics.data.qpos.tobytes()
-        copied.step(50)
-        assert copied.data.qpos.tobytes() == env.physics.data.qpos.tobytes()
 
 
 def test_model_and_data_are_the_worlds() -> None:

@@ -1,8 +1,6 @@
 """The environments of PettingZoo and Gymnasium: their own conformance suites, and the run itself where nobody acts."""
 
 import os
-import warnings
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,6 +19,7 @@ from tests.builders import mixed_scenario, refused
 from tests.commands import drawing, python
 from tests.strategies import tried
 
+pytestmark = pytest.mark.filterwarnings("error")
 LOST = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}, {"time": 0.2, "join": "boat"}]}
 GONE = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}]}
 SHIPPED = ["midpoint", "paper", "harbour_lost_hexarotor", "leader_follower", "range_formation", "quads"]
@@ -33,13 +32,6 @@ EARLIER = {"harbour_lost_hexarotor": {"events.1.time": 0.6, "events.2.time": 1.2
 def still(space: Any) -> Array:
     """The action that changes nothing."""
     return np.zeros(space.shape)
-
-
-@pytest.fixture(autouse=True)
-def _warnings_are_errors() -> Iterator[None]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        yield
 
 
 def shipped(name: str) -> Scenario | None:
