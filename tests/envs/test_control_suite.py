@@ -12,7 +12,6 @@ import sys
 import unittest
 import warnings
 from collections.abc import Iterator
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -290,14 +289,10 @@ class Conformance(test_utils.EnvironmentTestMixin, absltest.TestCase):  # type: 
 def test_the_conformance_suite_passes_on_shipped_scenarios(name: str) -> None:
     """Each of dm_env's tests begins with an environment of its own."""
     scenario = shipped(name)
-    if scenario is None:
-        return
-
-    make = partial(dm_env, scenario, horizon=horizon(scenario, 25))
 
     class OfScenario(Conformance):
         def make_object_under_test(self) -> interface.Environment:
-            return make()
+            return dm_env(scenario, horizon=horizon(scenario, 25))
 
     report = io.StringIO()
     tests = unittest.defaultTestLoader.loadTestsFromTestCase(OfScenario)
