@@ -124,91 +124,68 @@ def team_of(agents: dict[str, Any], targets: dict[str, Any], pairs: str = "", **
 
 def pursuit(position: Sequence[float], goal: Sequence[float], /, agent: Any = (), **fields: Any) -> Scenario:
     """An agent A at a position that senses a target T at another; `agent` has more fields of it."""
-    return make_scenario(
-        {
-            "agents": [{"id": "A", "position": list(position), **dict(agent)}],
-            "targets": [{"id": "T", "position": list(goal)}],
-            "sensing": [["A", "T"]],
-            **fields,
-        }
-    )
+    return build_scenario({"A": {"position": list(position), **dict(agent)}}, {"T": list(goal)}, [["A", "T"]], **fields)
 
 
 def mixed_scenario(**fields: Any) -> Scenario:
     """A boat and two aircraft that track a diver and a boat, in a flow, with a formation; fields replace fields."""
-    return make_scenario(
-        {
-            "time": {"end": 1.0},
-            "controller": {"gain": 3.0, "control_period": 0.01},
-            "agents": [
-                {"id": "boat", "position": [-2, 1], "heading": 30},
-                {"id": "front", "position": [3, 1, 2], "heading": -60},
-                {"id": "back", "position": [0, -3, 5], "heading": 120},
-            ],
-            "targets": [
-                {"id": "diver", "position": [1, 1, -2], "heading": 10},
-                {"id": "ship", "position": [-3, 2], "heading": 45},
-            ],
-            "communication": [["boat", "front"], ["front", "back"]],
-            "sensing": [["boat", "ship"], ["front", "diver"], {"between": ["back", "diver"], "map": "local_frame"}],
-            "target_edges": [["diver", "ship"]],
-            "target_motion": None,
-            "target_formation": {"gain": 0.3},
-            "formations": [
-                {"name": "pair", "shape": "line", "members": ["front", "back"], "about": "diver", "spacing": 3.0}
-            ],
-            "flow": {"agents": FLOW, "targets": FLOW},
-            **fields,
-        }
+    agents = {
+        "boat": {"position": [-2, 1], "heading": 30},
+        "front": {"position": [3, 1, 2], "heading": -60},
+        "back": {"position": [0, -3, 5], "heading": 120},
+    }
+    pair = {"name": "pair", "shape": "line", "members": ["front", "back"], "about": "diver", "spacing": 3.0}
+    usual: dict[str, Any] = {
+        "time": {"end": 1.0},
+        "controller": {"gain": 3.0, "control_period": 0.01},
+        "communication": [["boat", "front"], ["front", "back"]],
+        "target_edges": [["diver", "ship"]],
+        "target_motion": None,
+        "target_formation": {"gain": 0.3},
+        "formations": [pair],
+        "flow": {"agents": FLOW, "targets": FLOW},
+    }
+    return build_scenario(
+        agents,
+        {"diver": {"position": [1, 1, -2], "heading": 10}, "ship": {"position": [-3, 2], "heading": 45}},
+        [["boat", "ship"], ["front", "diver"], {"between": ["back", "diver"], "map": "local_frame"}],
+        **usual | fields,
     )
 
 
 def two_boats(agents: str, targets: str, /, **fields: Any) -> Scenario:
     """Two boats in a line behind a third that moves; fields replace fields."""
-    team: list[dict[str, Any]] = [{"id": "A1", "position": [-4, 1], "heading": 20}, {"id": "A2", "position": [-3, -2]}]
+    team = {"A1": {"position": [-4, 1], "heading": 20}, "A2": [-3, -2]}
     return _two_behind(team, [0, 0], {"agents": agents, "targets": targets}, 0.005, fields)
 
 
 def two_aircraft(vehicle: str, /, **fields: Any) -> Scenario:
     """Two aircraft about a third that moves; fields replace fields."""
-    team = [{"id": "A1", "position": [-4, 1, 5]}, {"id": "A2", "position": [-3, -2, 6]}]
+    team = {"A1": [-4, 1, 5], "A2": [-3, -2, 6]}
     return _two_behind(team, [0, 0, 5], {"agents": vehicle, "targets": "aerial"}, 0.002, fields)
 
 
 def _two_behind(
-    team: list[dict[str, Any]], target: list[float], vehicles: dict[str, str], timestep: float, fields: dict[str, Any]
+    team: dict[str, Any], target: list[float], vehicles: dict[str, str], timestep: float, fields: dict[str, Any]
 ) -> Scenario:
     n = len(target)
     motion = {"amplitude": [2, 2, 0.5][:n], "rate": [0.3] * n, "phase": [1.57, 0, 0][:n]}
-    return make_scenario(
-        {
-            "time": {"end": 3.0},
-            "controller": {"gain": 1.0, "control_period": 0.02},
-            "agents": team,
-            "targets": [{"id": "T1", "position": target, "motion": {"kind": "lissajous", **motion}}],
-            "communication": [["A1", "A2"]],
-            "sensing": [["A1", "T1"], ["A2", "T1"]],
-            "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
-            "vehicles": vehicles,
-            "physics": {"timestep": timestep},
-            **fields,
-        }
-    )
+    usual: dict[str, Any] = {
+        "time": {"end": 3.0},
+        "controller": {"gain": 1.0, "control_period": 0.02},
+        "communication": [["A1", "A2"]],
+        "formations": [{"name": "line", "shape": "line", "members": ["A1", "A2"], "about": "T1", "spacing": 3}],
+        "vehicles": vehicles,
+        "physics": {"timestep": timestep},
+    }
+    led = {"T1": {"position": target, "motion": {"kind": "lissajous", **motion}}}
+    return build_scenario(team, led, [["A1", "T1"], ["A2", "T1"]], **usual | fields)
 
 
 def boat_and_drone(end: float = 3.0, /, **fields: Any) -> Scenario:
     """A boat and a drone after a drone; fields replace fields."""
-    return make_scenario(
-        {
-            "name": "boat_and_drone",
-            "time": {"end": end},
-            "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, 0, 2]}],
-            "targets": [{"id": "T", "position": [5, 1, 2]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"], ["B", "T"]],
-            **fields,
-        }
-    )
+    usual: dict[str, Any] = {"name": "boat_and_drone", "time": {"end": end}, "communication": [["A", "B"]]}
+    return build_scenario({"A": [0, 0], "B": [3, 0, 2]}, {"T": [5, 1, 2]}, [["A", "T"], ["B", "T"]], **usual | fields)
 
 
 def continued(scenario: Scenario, run: xr.Dataset, sample: int, **fields: Any) -> Scenario:
