@@ -1,5 +1,6 @@
 """Runs of several phases, and worlds that continue from a state, equal runs of one phase bit for bit."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -61,29 +62,30 @@ def test_phases_that_do_not_follow_one_another(starts: list[int]) -> None:
         phases_of([Phase(k, system) for k in starts])
 
 
-@pytest.mark.parametrize("steps", [1, 7, 10, 23])
+def require_resumable(run: Scenario | list[Phase], steps: Sequence[int], last: int) -> None:
+    """Require that a new world, and one that was elsewhere, go on from the states after these steps to the bit."""
+    world, whole, other, states = World(run), World(run), World(run), {}
+    for step in steps:
+        world.step(step - world.steps_taken)
+        states[step] = world.time, world.get_state()
+    whole.step(last)
+    end, places = whole.get_state(), whole.positions()
+    other.step(5)
+    for step, (time, state) in states.items():
+        for resumed in (World(run), other):
+            resumed.set_state(state)
+            np.testing.assert_array_equal(resumed.get_state(), state)
+            assert resumed.time == time
+            resumed.step(last - step)
+            np.testing.assert_array_equal(resumed.get_state(), end, err_msg=f"from step {step}")
+            np.testing.assert_array_equal(resumed.positions(), places)
+
+
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
-def test_a_world_goes_on_from_a_state_to_the_bit(period: float, steps: int) -> None:
-    """Also between two samples, where the held command is the law's memory; and in a world that was elsewhere."""
-    scenario = mixed_scenario(
-        controller={"gain": 8.0, "control_period": period}, disturbance={"agents": {"bound": 1.0}}
-    )
-    one, other = World(scenario), World(scenario)
-    one.step(steps)
-    state = one.get_state()
-    one.step(40)
-    for world in (one, other):
-        world.step(5)
-        world.set_state(state)
-        np.testing.assert_array_equal(world.get_state(), state)
-        assert world.time == pytest.approx(steps * 0.001)
-    again = World(scenario)
-    again.step(steps)
-    for world in (one, other, again):
-        world.step(33)
-    for world in (one, other):
-        np.testing.assert_array_equal(world.get_state(), again.get_state())
-        np.testing.assert_array_equal(world.positions(), again.positions())
+def test_a_world_goes_on_from_a_state_to_the_bit(period: float) -> None:
+    """Also between two samples, where the held command is the law's memory."""
+    law = {"gain": 8.0, "control_period": period}
+    require_resumable(mixed_scenario(controller=law, disturbance={"agents": {"bound": 1.0}}), [1, 7, 10, 23], 56)
 
 
 # -- what a phase may change, and what it may not ----------------------------------------------------------------------
@@ -107,17 +109,15 @@ def test_a_world_goes_on_from_a_state_in_another_medium(disturbed: bool) -> None
     """Also where the phases have disturbances of unlike sizes."""
     gusts = {"disturbance": {"agents": {"bound": 0.5}}} if disturbed else {}
     run = [Phase(0, in_a_flow([0, 0]).system), Phase(10, in_a_flow([2.0, 0], **gusts).system)]
-    one, other = World(run), World(run)
-    one.step(100)
-    state = one.get_state()
-    one.step(37)
-    other.set_state(state)
-    other.step(37)
-    np.testing.assert_array_equal(one.get_state(), other.get_state())
-    assert np.abs(one.positions()[0] - [1.0, 2.0, 0.0]).max() > 0.1
-    one.reset()
-    one.step(100)
-    np.testing.assert_array_equal(one.get_state(), state)
+    require_resumable(run, [100], 137)
+    world = World(run)
+    world.step(100)
+    state = world.get_state()
+    world.step(37)
+    assert np.abs(world.positions()[0] - [1.0, 2.0, 0.0]).max() > 0.1
+    world.reset()
+    world.step(100)
+    np.testing.assert_array_equal(world.get_state(), state)
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
@@ -208,14 +208,4 @@ def test_a_state_taken_where_a_phase_begins_is_that_of_the_new_phase(
         links={"all": links},
         events=events,
     )
-    world, states = World(scenario), {}
-    for sample in range(20):
-        states[sample] = world.get_state()
-        world.step(4)
-    end = world.get_state()
-    for sample in (9, 10, 11, 14, 15, 16):
-        for resumed in (World(scenario), world):
-            resumed.set_state(states[sample])
-            np.testing.assert_array_equal(resumed.get_state(), states[sample])
-            resumed.step(4 * (20 - sample))
-            np.testing.assert_array_equal(resumed.get_state(), end, err_msg=f"{sample}")
+    require_resumable(scenario, [4 * sample for sample in (9, 10, 11, 14, 15, 16)], 80)
