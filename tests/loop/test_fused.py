@@ -13,10 +13,10 @@ import mujoco
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.arrays import Array
 from mjsheaf.comparing.compare import compare
 from mjsheaf.compile.jit import on_stack, user_jit
 from mjsheaf.compile.tiers import _as_records, in_python
@@ -33,8 +33,6 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import DATA, POWERED, RAFT, adding, altered, build_scenario, find, mixed_scenario, refused
-
-Array = NDArray[np.float64]
 
 EPSILON = 1e-12
 CHANNEL = {"centre": [5.0, 2.0, 1.0], "direction": [1.0, 0.5, 0.1], "beta": 0.7, "width": 4.0, "length": 12.0}

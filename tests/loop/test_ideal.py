@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mjsheaf import load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.system import System
@@ -21,9 +21,6 @@ from mjsheaf.scenario import Scenario
 from tests.builders import FACTS, FLOW, Simulated, build_scenario, mixed_scenario, pursuit
 from tests.oracles.law import medium, velocity_commands
 from tests.running import run_ideal
-
-Array = NDArray[np.float64]
-
 
 DISTURBED = {"agents": {"bound": 0.5}, "targets": {"bound": 0.3}}
 MOTION = {"kind": "lissajous", "amplitude": [2, 1, 1], "rate": [1, 2, 1], "phase": [1.5, 0, 0]}

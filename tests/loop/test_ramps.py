@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from mjsheaf import Session, World, check, envs, load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from tests.builders import build_scenario, continued, list_members
 from tests.oracles.law import disagreement, harmonic_extension
 from tests.running import rms_error
 
-Array = np.ndarray
 PERIOD = 0.02
 BEGIN, OVER = 0.2, 0.4  # s, of the change in most of these tests
 FIRST, LAST = 10, 30  # its samples

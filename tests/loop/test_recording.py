@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 
 from mjsheaf import Session, World, simulate, simulate_many
+from mjsheaf.arrays import Array
 from mjsheaf.live.live import Recorder
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.loop import ClosedLoop
@@ -17,8 +17,6 @@ from mjsheaf.results.dataset import make_datasets
 from mjsheaf.scenario import Scenario
 from tests.builders import build_scenario, mixed_scenario
 from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
-
-Array = NDArray[np.float64]
 
 RECORDED = (
     *("positions", "origin", "velocity", "command", "residual"),

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import fsolve
 
 from mjsheaf import check, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.checking.trial import _limited
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet, wind_wrench
@@ -20,9 +20,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.effects import hold_station
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import AIR_DENSITY, Vehicle
-from tests.builders import altered, build_scenario
-
-Array = NDArray[np.float64]
+from tests.builders import altered, build_scenario, turn
 
 HULLS = ["wamv", "otter", "buoy"]
 BOATS = HULLS[:2]
@@ -50,11 +48,6 @@ def fossen(vehicle: Vehicle, air: Array) -> tuple[float, float, float]:
     return X, -Y, -q * cn * np.sin(2.0 * gamma) * lateral * length
 
 
-def turned(angle: float, w: Array) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * w[0] - s * w[1], s * w[0] + c * w[1]])
-
-
 def steady_drift(vehicle: Vehicle, wind: Array, current: Array, velocity: Array, heading: float) -> Array:
     """Solve for the velocity over ground (2,), m/s, and heading, rad, at which forces on a hull balance, from a guess.
 
@@ -65,8 +58,8 @@ def steady_drift(vehicle: Vehicle, wind: Array, current: Array, velocity: Array,
     couple = vehicle.weight * (floats.centre[0] - vehicle.centre_of_mass[0]) if floats.centre else 0.0
 
     def unbalanced(z: Array) -> list[float]:
-        water = turned(-z[2], z[:2] - current)
-        X, Y, N = fossen(vehicle, turned(-z[2], wind - z[:2]))
+        water = turn(-z[2]) @ (z[:2] - current)
+        X, Y, N = fossen(vehicle, turn(-z[2]) @ (wind - z[:2]))
         heel = -vehicle.windage[3] * Y / floats.roll  # which turns the couple of weight and buoyancy about z
         turning = N - (A[1] - A[0]) * water[0] * water[1] + couple * heel
         round_hull = vehicle.windage[2] == 0.0
@@ -119,7 +112,7 @@ def drifted(given: Scenario, engine: str) -> tuple[Array, Array]:
 @pytest.mark.parametrize("at", [pytest.param(range(12), marks=pytest.mark.long), (1, 5)], ids=["every", "two"])
 def test_drift_without_thrust_is_the_balance_of_forces(at: Sequence[int], hull: str, engine: str) -> None:
     """From these headings, in a current."""
-    wind = SPEED * turned(0.3, np.array([1.0, 0.0]))
+    wind = SPEED * turn(0.3)[:, 0]
     headings = np.degrees(0.3) + HEADINGS[list(at)]
     velocities, ends = drifted(scenario(hull, wind, CURRENT, headings), engine)
     vehicle = load_vehicle(hull)

@@ -10,16 +10,14 @@ import mujoco
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import build_scenario, mixed_scenario, pursuit, refused
 from tests.running import run_physics
-
-Array = NDArray[np.float64]
 
 
 def bits(world: World) -> bytes:

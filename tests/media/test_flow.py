@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.media import FlowField
 from mjsheaf.media.flow import Source, decay
 from tests.builders import FACTS, field_of, of_facts
 from tests.oracles.flow import flow_velocity
-
-Array = NDArray[np.float64]
 
 SETS = ("agent_field", "target_field")
 

@@ -517,18 +517,10 @@ def projected(mapping: str, unit: str, along: str) -> tuple[File, Any, Any]:
     x, y = x0 + step * np.arange(-4.0, 6.0), y0 + step * np.arange(5.0, -5.0, -1.0)
     lon, lat = to_places.transform(*np.meshgrid(x, y))
     east, north = 10.0 + 100.0 * (lat - 62.0), 4.0 + 100.0 * (lon - 5.0)
-    if along == "grid":  # by central differences of the places, which are independent of the reader's
-        h = 1e-3 * step
-        further = [
-            np.stack(to_places.transform(*np.meshgrid(x + s * dx, y + s * dy)))
-            for s in (1, -1)
-            for dx, dy in ((h, 0), (0, h))
-        ]
-        axes = []
-        for plus, minus in ((further[0], further[2]), (further[1], further[3])):
-            turn = (plus - minus) * np.stack([np.cos(np.radians(lat)), np.ones_like(lat)])
-            axes.append(turn / np.linalg.norm(turn, axis=0))
-        matrix = np.moveaxis(np.array(axes), (0, 1), (-1, -2))
+    if along == "grid":  # by central differences of the places, which are independent of the reader's; y falls
+        down, right = np.moveaxis([np.gradient(lon, edge_order=2), np.gradient(lat, edge_order=2)], 1, 0)
+        axes = np.array([right, -down]) * np.array([np.cos(np.radians(lat)), np.ones_like(lat)])
+        matrix = np.moveaxis(axes / np.linalg.norm(axes, axis=1, keepdims=True), (0, 1), (-1, -2))
         east, north = np.moveaxis(np.linalg.solve(matrix, np.stack([east, north], -1)[..., None])[..., 0], -1, 0)
     names = ("x_wind", "y_wind") if along == "grid" else ("eastward_wind", "northward_wind")
     size = 1000.0 if unit == "km" else 1.0
@@ -735,10 +727,9 @@ def test_times_that_are_missing_or_do_not_rise_are_refused(values: Any, words: s
     decide(current().set("time", np.array(values)), place, words)
 
 
-@pytest.mark.parametrize("start", ["today", "NaT", "1600-01-01", "20260501", "2026-13-01", ""])
+@pytest.mark.parametrize("start", ["today", "NaT", "1600-01-01", "20260501", "2026-13-01"])
 def test_starts_that_are_no_dates_are_refused(start: str, place: Path) -> None:
-    if start:
-        decide(current(), place, f"start: .{start}. is no date", start=start)
+    decide(current(), place, f"start: .{start}. is no date", start=start)
 
 
 def test_means_over_time_are_in_the_middle_of_their_bounds(place: Path) -> None:
