@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.linear import HeldPoint, linearise
@@ -26,23 +27,8 @@ from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full, HandPoint
-from tests.builders import (
-    Edit,
-    alone,
-    altered,
-    ask,
-    attitude,
-    body,
-    find,
-    least_thrust,
-    place,
-    pursuit,
-    setting,
-    wanted_force,
-    yaw_of,
-)
-
-Array = NDArray[np.float64]
+from tests.builders import Edit, altered, find, known, pursuit, setting
+from tests.loop.one_vehicle import alone, ask, attitude, body, least_thrust, place, wanted_force, yaw_of
 
 NAME = "wamv_azimuth"
 PUSH = 2353.5  # N
@@ -62,14 +48,6 @@ def wrench(world: World) -> Array:
     commands = world.data.ctrl[own].reshape(-1, 2).copy()
     commands[:, 1] = world.data.act[own].reshape(-1, 2)[:, 1]
     return np.asarray(vehicle.W @ efforts(commands))
-
-
-def settle_angles(world: World) -> None:
-    """Give the engines the time to turn while nothing else moves."""
-    own = body(world)[3]
-    for _ in range(5000):
-        world.data.act[own][1::2] = world.data.ctrl[own][1::2]
-        world.close_loop(sample=False)
 
 
 def swivel(name: str = "thruster_port", **fields: Any) -> dict[str, Any]:
@@ -130,7 +108,8 @@ def turner(low: float, high: float, weakest: float = -1.0) -> AzimuthThruster:
 def packed(pod: AzimuthThruster) -> NDArray[np.void]:
     """Its two channels, thrust and angle."""
     channels = np.zeros(2, CHANNEL)
-    channels["low"], channels["high"], channels["state"] = [pod.ctrl[0], pod.low], [pod.ctrl[1], pod.high], [0, 1]
+    low, high = known(pod.ctrl)
+    channels["low"], channels["high"], channels["state"] = [low, pod.low], [high, pod.high], [0, 1]
     pod.pack(channels, 0.01)
     return channels
 
@@ -351,7 +330,9 @@ def test_far_beyond_its_limits_it_pushes_where_it_is_asked_to() -> None:
     for _ in range(20):
         v = rng.standard_normal(2) * 100.0
         ask(world, v)
-        settle_angles(world)
+        for _ in range(5000):  # time for the engines to turn, while nothing else moves
+            world.data.act[own][1::2] = world.data.ctrl[own][1::2]
+            world.close_loop(sample=False)
         R = attitude(world)
         wanted = wanted_force(vehicle, R, R.T @ [*v, 0.0], np.zeros(3))[:2]
         force = wrench(world)[:2]

@@ -11,19 +11,18 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.vehicles import vehicle as vehicles
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, attitude, body, build_scenario, find, mixed_scenario, pursuit, setting, xml_of
+from tests.builders import altered, build_scenario, find, mixed_scenario, pursuit, setting, xml_of
+from tests.loop.one_vehicle import attitude, body
 from tests.oracles.law import medium, velocity_commands
 from tests.oracles.rigid_body import hold_moment
 from tests.running import run_physics
-
-Array = NDArray[np.float64]
 
 LINEAR = {"linear": [200.0, 900.0, 1500.0], "angular": [50.0, 60.0, 70.0]}
 SHIFTED = setting(".//inertial", pos="0.15 -0.1 0.2")

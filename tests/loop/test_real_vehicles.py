@@ -7,34 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
+from mjsheaf.arrays import Array
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import HandPoint, ThrustVector
-from tests.builders import (
-    BOATS,
-    LAG,
-    MULTIROTORS,
-    POWERED,
-    REAL,
-    alone,
-    altered,
-    ask,
-    attitude,
-    body,
-    build_scenario,
-    place,
-    pursuit,
-    step_unpowered,
-    yaw_of,
-    yaws,
-)
+from tests.builders import BOATS, LAG, MULTIROTORS, POWERED, REAL, altered, build_scenario, pursuit, turn, yaws
+from tests.loop.one_vehicle import alone, ask, attitude, body, place, step_unpowered, yaw_of
 from tests.oracles.rigid_body import inertia_about_centre
 from tests.running import run_physics
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 
@@ -279,10 +261,9 @@ def test_a_heeled_boat_returns_while_it_is_controlled(name: str) -> None:
 
 def turned_team(angle: float) -> World:
     """One of each vehicle, after a moving target each, in a drift and a vortex; all of it turned about z by degrees."""
-    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
 
     def place(x: float, y: float, *z: float) -> list[float]:
-        return [c * x - s * y, s * x + c * y, *z]
+        return [*(turn(np.deg2rad(angle)) @ [x, y]).tolist(), *z]
 
     agents, targets = {}, {}
     for k, name in enumerate(REAL):
@@ -300,8 +281,7 @@ def turned_team(angle: float) -> World:
 @pytest.mark.parametrize("angle", [90.0, 137.0])
 def test_turning_the_world_turns_the_trajectory(angle: float) -> None:
     plain, turned = turned_team(0.0), turned_team(angle)
-    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
-    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    R = Rotation.from_euler("z", angle, degrees=True).as_matrix()
     start = plain.positions()
     for _ in range(8):
         plain.step(500)

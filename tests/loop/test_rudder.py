@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from mjsheaf import simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.loop import STOPPED
@@ -22,10 +22,9 @@ from mjsheaf.vehicles.actuators import AzimuthThruster, RudderThruster, aim, flo
 from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import Edit, alone, altered, ask, body, build_scenario, setting, yaw_of
+from tests.builders import Edit, altered, build_scenario, setting
+from tests.loop.one_vehicle import alone, ask, body, yaw_of
 from tests.loop.test_one_sided import errors, make_run
-
-Array = NDArray[np.float64]
 
 NAME = "otter_rudder"
 LIMIT, RATE, DENSITY = np.deg2rad(35.0), np.deg2rad(40.0), 1025.0
