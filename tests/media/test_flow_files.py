@@ -518,7 +518,7 @@ def projected(mapping: str, unit: str, along: str) -> tuple[File, Any, Any]:
     lon, lat = to_places.transform(*np.meshgrid(x, y))
     east, north = 10.0 + 100.0 * (lat - 62.0), 4.0 + 100.0 * (lon - 5.0)
     if along == "grid":  # by central differences of the places, which are independent of the reader's; y falls
-        down, right = np.moveaxis([np.gradient(lon, edge_order=2), np.gradient(lat, edge_order=2)], 1, 0)
+        down, right = np.moveaxis(np.array([np.gradient(values, edge_order=2) for values in (lon, lat)]), 1, 0)
         axes = np.array([right, -down]) * np.array([np.cos(np.radians(lat)), np.ones_like(lat)])
         matrix = np.moveaxis(axes / np.linalg.norm(axes, axis=1, keepdims=True), (0, 1), (-1, -2))
         east, north = np.moveaxis(np.linalg.solve(matrix, np.stack([east, north], -1)[..., None])[..., 0], -1, 0)
