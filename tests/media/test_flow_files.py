@@ -625,24 +625,19 @@ def test_axes_of_pressure_density_and_layers_are_refused(unit: str | None, place
 
 @pytest.mark.slow
 def test_distances_by_unit_and_direction(place: Path) -> None:
-    km = level(current(), standard_name="depth", units="km", positive="down", values=np.array([0.0, 0.01]))
-    decide(km, place, (1.5 * U, 1.5 * V), depth=5.0)
-    up = level(current(), standard_name="depth", units="m", positive="up", values=np.array([0.0, -10.0]))
-    decide(up, place, (1.5 * U, 1.5 * V), depth=5.0)
+    def deep(*values: float, units: str = "m", **attrs: Any) -> File:
+        return level(current(), standard_name="depth", units=units, values=np.array(values), **attrs)
+
     bare = level(current(), values=np.array([0.0, -10.0])).rename(level="depth")
-    decide(bare, place, (1.5 * U, 1.5 * V), depth=5.0)
-    decide(
-        level(current(), standard_name="depth", units="m", values=np.array([-1.0, 1.0])),
-        place,
-        "level goes from -1 to 1 m",
-    )
+    for file in (deep(0.0, 0.01, units="km", positive="down"), deep(0.0, -10.0, positive="up"), bare):
+        decide(file, place, (1.5 * U, 1.5 * V), depth=5.0)
+    decide(deep(-1.0, 1.0), place, "level goes from -1 to 1 m")
+    decide(deep(1.0, np.nan), place, "missing values")
     decide(level(current(), standard_name="height", units="m"), place, "level goes from 1 to 2 m up")
     decide(level(wind(), standard_name="depth", units="m"), place, "level goes from 1 to 2 m down", "air")
-    decide(level(current(), standard_name="depth", units="m", values=np.array([1.0, np.nan])), place, "missing values")
-    deep = level(current(), standard_name="depth", units="m", values=np.array([10.0, 20.0]))
-    deep.write(place)
+    deep(10.0, 20.0).write(place)
     assert read(place).notes == ("the flow is that of level 10 m, the nearest to the surface in its file",)
-    decide(deep, place, "depth: 21 m is beyond the file's; expected up to 20 m", depth=21.0)
+    decide(deep(10.0, 20.0), place, "depth: 21 m is beyond the file's; expected up to 20 m", depth=21.0)
     decide(current(), place, "depth: the file has no axis of depth or height; expected none, not 3 m", depth=3.0)
 
 
