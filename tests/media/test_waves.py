@@ -127,28 +127,21 @@ def drifting(waves: dict[str, Any], depth: float, end: float) -> tuple[np.ndarra
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("steepness", [0.005, 0.01])
-def test_drift_is_half_of_stokes_at_the_surface_and_stokes_below(steepness: float) -> None:
-    rate = Waves.model_validate({**PM, "components": 1}).components_of(0).rate[0]
-    k = rate**2 / GRAVITY
-    height = 2.0 * np.sqrt(2.0) * steepness / k
-    periods = 60
-    waves = {**PM, "significant_height": height, "components": 1, "direction": 90.0}
-    buoy, particle = drifting(waves, 2.0, round(periods * 2.0 * np.pi / rate, 1))
-    a = steepness / k
-    assert buoy[1] == pytest.approx(0.5 * a**2 * rate * k, rel=0.02)
-    assert particle[1] == pytest.approx(a**2 * rate * k * np.exp(-4.0 * k), rel=0.02)
-    assert abs(buoy[0]) < 1e-12
-
-
-@pytest.mark.long
-def test_drift_in_an_irregular_sea_is_the_sum_over_its_waves() -> None:
-    waves = {**PM, "significant_height": 0.05, "components": 8}
+@pytest.mark.parametrize(
+    ("components", "height", "depth", "end"),
+    [(1, 0.07, 2.0, 267.8), (1, 0.14, 2.0, 267.8), (8, 0.05, 1.0, 20_000.0)],  # steepness of 0.005 and 0.01; irregular
+)
+def test_drift_is_half_of_stokes_at_the_surface_and_stokes_below(
+    components: int, height: float, depth: float, end: float
+) -> None:
+    """Over 60 periods of one wave; in an irregular sea it is the sum over its waves."""
+    waves = {**PM, "significant_height": height, "components": components, "direction": 90.0}
     c = Waves.model_validate(waves).components_of(0)
-    buoy, particle = drifting(waves, 1.0, 20_000.0)
+    buoy, particle = drifting(waves, depth, end)
     stokes = c.amplitude**2 * c.rate * c.number
-    assert buoy[0] == pytest.approx(0.5 * stokes.sum(), rel=0.02)
-    assert particle[0] == pytest.approx((stokes * np.exp(-2.0 * c.number)).sum(), rel=0.02)
+    assert buoy[1] == pytest.approx(0.5 * stokes.sum(), rel=0.02)
+    assert particle[1] == pytest.approx((stokes * np.exp(-2.0 * depth * c.number)).sum(), rel=0.02)
+    assert abs(buoy[0]) < 1e-12
 
 
 @pytest.mark.long
