@@ -7,7 +7,6 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import fields, replace
 from functools import cache, partial, reduce
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, TypeVar
 from xml.etree import ElementTree
 
@@ -17,24 +16,22 @@ import numpy as np
 import pytest
 import xarray as xr
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import BaseModel
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
-from mjsheaf import Sheaf, World
+from mjsheaf import Sheaf
 from mjsheaf.files import dump_yaml
-from mjsheaf.loop.fused import Fused
-from mjsheaf.loop.loop import AUTOPILOT, STOPPED
-from mjsheaf.media.flow import CHANNEL, SOURCE, Channel, FlowField, Source, Vortex
+from mjsheaf.media.flow import Channel, FlowField, Source, Vortex
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.show.played import Poses, Stage
 from mjsheaf.studies import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
-from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from mjsheaf.vehicles.vehicle import Vehicle
+from mjsheaf.vehicles.loading import list_vehicles
 from mjsheaf.video import Film
+from tests.oracles.flow import flow_jacobian as flow_jacobian
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -131,30 +128,33 @@ def team_of(agents: dict[str, Any], targets: dict[str, Any], pairs: str = "", **
 
 def pursuit(position: Sequence[float], goal: Sequence[float], /, agent: Any = (), **fields: Any) -> Scenario:
     """An agent A at a position that senses a target T at another; `agent` has more fields of it."""
-    return build_scenario({"A": {"position": [*position], **dict(agent)}}, {"T": [*goal]}, [["A", "T"]], **fields)
+    return build_scenario({"A": {"position": list(position), **dict(agent)}}, {"T": list(goal)}, [["A", "T"]], **fields)
 
 
 def mixed_scenario(**fields: Any) -> Scenario:
     """A boat and two aircraft that track a diver and a boat, in a flow, with a formation; fields replace fields."""
-    line = {"name": "pair", "shape": "line", "members": ["front", "back"], "about": "diver", "spacing": 3.0}
-    usual = make_fields(
-        {
-            "boat": {"position": [-2, 1], "heading": 30},
-            "front": {"position": [3, 1, 2], "heading": -60},
-            "back": {"position": [0, -3, 5], "heading": 120},
-        },
+    agents = {
+        "boat": {"position": [-2, 1], "heading": 30},
+        "front": {"position": [3, 1, 2], "heading": -60},
+        "back": {"position": [0, -3, 5], "heading": 120},
+    }
+    pair = {"name": "pair", "shape": "line", "members": ["front", "back"], "about": "diver", "spacing": 3.0}
+    usual: dict[str, Any] = {
+        "time": {"end": 1.0},
+        "controller": {"gain": 3.0, "control_period": 0.01},
+        "communication": [["boat", "front"], ["front", "back"]],
+        "target_edges": [["diver", "ship"]],
+        "target_motion": None,
+        "target_formation": {"gain": 0.3},
+        "formations": [pair],
+        "flow": {"agents": FLOW, "targets": FLOW},
+    }
+    return build_scenario(
+        agents,
         {"diver": {"position": [1, 1, -2], "heading": 10}, "ship": {"position": [-3, 2], "heading": 45}},
         [["boat", "ship"], ["front", "diver"], {"between": ["back", "diver"], "map": "local_frame"}],
-        time={"end": 1.0},
-        controller={"gain": 3.0, "control_period": 0.01},
-        communication=[["boat", "front"], ["front", "back"]],
-        target_edges=[["diver", "ship"]],
-        target_motion=None,
-        target_formation={"gain": 0.3},
-        formations=[line],
-        flow={"agents": FLOW, "targets": FLOW},
+        **usual | fields,
     )
-    return make_scenario(usual | fields)
 
 
 def two_boats(agents: str, targets: str, /, **fields: Any) -> Scenario:
@@ -174,7 +174,7 @@ def _two_behind(
 ) -> Scenario:
     n = len(target)
     motion = {"amplitude": [2, 2, 0.5][:n], "rate": [0.3] * n, "phase": [1.57, 0, 0][:n]}
-    usual = {
+    usual: dict[str, Any] = {
         "time": {"end": 3.0},
         "controller": {"gain": 1.0, "control_period": 0.02},
         "communication": [["A1", "A2"]],
@@ -182,15 +182,14 @@ def _two_behind(
         "vehicles": vehicles,
         "physics": {"timestep": timestep},
     }
-    targets = {"T1": {"position": target, "motion": {"kind": "lissajous", **motion}}}
-    return build_scenario(team, targets, [["A1", "T1"], ["A2", "T1"]], **(usual | fields))
+    led = {"T1": {"position": target, "motion": {"kind": "lissajous", **motion}}}
+    return build_scenario(team, led, [["A1", "T1"], ["A2", "T1"]], **usual | fields)
 
 
 def boat_and_drone(end: float = 3.0, /, **fields: Any) -> Scenario:
     """A boat and a drone after a drone; fields replace fields."""
-    usual = {"name": "boat_and_drone", "time": {"end": end}, "communication": [["A", "B"]]}
-    sensing = [["A", "T"], ["B", "T"]]
-    return build_scenario({"A": [0, 0], "B": [3, 0, 2]}, {"T": [5, 1, 2]}, sensing, **(usual | fields))
+    usual: dict[str, Any] = {"name": "boat_and_drone", "time": {"end": end}, "communication": [["A", "B"]]}
+    return build_scenario({"A": [0, 0], "B": [3, 0, 2]}, {"T": [5, 1, 2]}, [["A", "T"], ["B", "T"]], **usual | fields)
 
 
 def continued(scenario: Scenario, run: xr.Dataset, sample: int, **fields: Any) -> Scenario:
@@ -380,136 +379,6 @@ def yaws(count: int, seed: int = 0) -> Array:
     """Random level attitudes, body to world, shape (count, 3, 3)."""
     angles = np.random.default_rng(seed).uniform(-4, 4, count)
     return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
-
-
-# -- one vehicle alone, in a uniform medium, with a constant velocity command ------------------------------------------
-
-
-ENGINE = "mujoco"
-"""What moves a vehicle that is alone: see the fixture `engine`."""
-
-
-class Alone(World):
-    """Make a world whose law commands vehicle 0 to move with `wanted` (3,), m/s."""
-
-    wanted = np.zeros(3)
-
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario, controller=lambda *_: self.wanted[None])
-
-
-class AloneFused(Fused):
-    """The same on the fused engine, with as much of `data` and `arena` as it has."""
-
-    wanted = np.zeros(3)
-
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario.phases, controller=lambda *_: self.wanted[None])
-        V = np.arange(len(self._vehicles))
-        first = np.cumsum([0, *(len(vehicle.channels) for vehicle in self._vehicles)])
-        self.arena = SimpleNamespace(vehicles=self._vehicles, qpos=7 * V, dof=6 * V, thruster=first)
-
-    @property
-    def data(self) -> Any:
-        """The state, which lies elsewhere after a reset."""
-        state = self._loop.state
-        return SimpleNamespace(qpos=state.qpos, qvel=state.qvel, act=state.act, ctrl=state.ctrl)
-
-
-def alone(
-    vehicle: str,
-    *,
-    heading: float = 0.0,
-    drift: Any = None,
-    timestep: float = 0.001,
-    surface: str = "water",
-    **effects: Any,
-) -> World:
-    """A world with vehicle 0, at the origin with a heading in degrees, in a medium that moves at `drift`, m/s.
-
-    Its command is zero; see `ask`. Effects are switched as in a scenario.
-    """
-    n = load_vehicle(vehicle).dimension
-    flow = {} if drift is None else {"agents": {"dimension": n, "drift": list(drift)[:n]}}
-    scenario = pursuit(
-        [0.0] * n,
-        [50.0] * n,
-        {"vehicle": vehicle, "heading": heading},
-        flow=flow,
-        scene={"surface": surface},
-        controller={"gain": 1.0, "control_period": 10 * timestep},
-        physics={"timestep": timestep, "effects": effects},
-    )
-    world: Any = (Alone if ENGINE == "mujoco" else AloneFused)(scenario)
-    ask(world, np.zeros(3))
-    world.reset()
-    return world
-
-
-def ask(world: World, velocity: Any) -> None:
-    """Replace the command of vehicle 0 by a velocity (n,) relative to the medium, world axes."""
-    assert isinstance(world, Alone | AloneFused)
-    world.wanted = np.append(velocity, np.zeros(3))[:3]
-    world.close_loop(sample=True)
-
-
-def body(world: World, v: int = 0) -> tuple[Vehicle, slice, slice, slice]:
-    """Vehicle v, and where it is in qpos, in qvel and among the actuators."""
-    a, d, first = world.arena.qpos[v], world.arena.dof[v], world.arena.thruster
-    return world.arena.vehicles[v], slice(a, a + 7), slice(d, d + 6), slice(first[v], first[v + 1])
-
-
-def largest_tilt(vehicle: Vehicle) -> float:
-    """Largest tilt of a vehicle that points its thrust, degrees; 0 for others."""
-    return float(getattr(vehicle.steering, "largest_tilt", 0.0))
-
-
-def attitude(world: World, v: int = 0) -> Array:
-    """Attitude of vehicle v, body to world, shape (3, 3)."""
-    return Rotation.from_quat(world.quaternions()[v], scalar_first=True).as_matrix()
-
-
-def least_thrust(vehicle: Vehicle) -> float:
-    """Maximum thrust of a level vehicle in the weakest horizontal direction, N; of a boat at its hand point ahead."""
-    return min(vehicle.steering.largest_force(vehicle, direction) for direction in vehicle.steering.directions)
-
-
-def yaw_of(world: World) -> float:
-    """Heading of vehicle 0, rad."""
-    R = attitude(world)
-    return float(np.arctan2(R[1, 0], R[0, 0]))
-
-
-def place(world: World, R: Array, velocity: Any = (0, 0, 0), rates: Any = (0, 0, 0)) -> None:
-    """Give vehicle 0 an attitude, a velocity in world axes and rates in body axes."""
-    _, qpos, dof, _ = body(world)
-    world.data.qpos[qpos][3:] = Rotation.from_matrix(R).as_quat(scalar_first=True)
-    world.data.qvel[dof] = [*velocity, *rates]
-    world.close_loop(sample=True)
-
-
-def step_unpowered(world: World, count: int) -> None:
-    """Step with the thrusters off."""
-    world._loop.params.helm[:] = STOPPED
-    world.step(count)
-    world._loop.params.helm[:] = AUTOPILOT
-
-
-def wrench(world: World) -> Array:
-    """Return the wrench of the commands of vehicle 0, body axes, shape (6,)."""
-    vehicle, _, _, thrusters = body(world)
-    return np.asarray(vehicle.W @ world.data.ctrl[thrusters])
-
-
-def wanted_force(vehicle: Vehicle, R: Array, wanted: Array, measured: Array) -> Array:
-    """d(v_c) + M k_v (v_c - v_r), as in `docs/mathematics.md`, for an attitude R and (3,) velocities in body axes.
-
-    Surge and sway of a boat make the horizontal part of d alone, whatever it would take along its own z axis.
-    """
-    d = vehicle.drag * wanted + vehicle.quadratic_drag[:3] * np.abs(wanted) * wanted
-    if vehicle.dimension == 2:
-        d[:2] = np.linalg.solve(R[:2, :2], (R @ d)[:2])
-    return np.asarray(d + (vehicle.mass + vehicle.added_mass[:3]) * vehicle.rate * (wanted - measured))
 
 
 # -- teams: B floats in the plane, U flies in space; S is a target in the plane, V one in space ------------------------
@@ -723,31 +592,3 @@ def of_facts(facts: dict[str, Any]) -> FlowField:
     """A field of the published run."""
     channels = [[*centre, *direction, *rest] for centre, direction, *rest in facts["gaussian_channels"]]
     return field_of(facts["dimension"], facts["core"], facts["drift"], facts["sources"], facts["vortices"], channels)
-
-
-def flow_jacobian(field: FlowField, points: ArrayLike) -> Array:
-    """Jacobian dw/dx of a flow field at points of shape (..., d), shape (..., d, d), 1/s, from its formulas."""
-    shape = np.shape(points)
-    x = np.zeros((int(np.prod(shape[:-1])), 3))
-    x[:, : shape[-1]] = np.reshape(points, (-1, shape[-1])) if x.size else 0.0
-    mask = np.array([1.0, 1.0, float(field.dimension == 3)])
-    p = 1.5 if field.dimension == 3 else 1.0
-    J = np.zeros((len(x), 3, 3))
-    for kind, _, *numbers in field.table[1:]:
-        centre, axis = np.array(numbers[:3]), np.array(numbers[3:6])
-        strength, first, second = numbers[6:]
-        r = (x - centre) * mask
-        if kind == CHANNEL:
-            along = r @ axis
-            across = r - along[:, None] * axis
-            a = strength * np.exp(-np.einsum("ki,ki->k", across, across) * first - along**2 * second)
-            slope = -2.0 * a[:, None] * (first * across + second * along[:, None] * axis)
-            J += axis[:, None] * slope[:, None, :]
-            continue
-        s = (np.einsum("ki,ki->k", r, r) + first)[:, None, None]
-        if kind == SOURCE:
-            J += strength * (np.diag(mask) / s**p - 2.0 * p * r[:, :, None] * r[:, None, :] / s ** (p + 1.0))
-        else:
-            turn = np.cross(np.eye(3), axis)  # turn @ r = axis x r
-            J += strength * (turn * mask / s - 2.0 * (r @ turn.T)[:, :, None] * r[:, None, :] / s**2)
-    return J.reshape(*shape[:-1], 3, 3)[..., : shape[-1], : shape[-1]]

@@ -72,7 +72,7 @@ def _plain_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(params=["mujoco", pytest.param("fused", marks=pytest.mark.slow)])
 def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """A test of a vehicle that is alone runs on both engines."""
-    monkeypatch.setattr("tests.builders.ENGINE", request.param)
+    monkeypatch.setattr("tests.loop.one_vehicle.ENGINE", request.param)
 
 
 def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -60,7 +60,9 @@ def test_bytes_in_memory_are_those_on_disk(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kilobytes", [2, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 20, 60))])
-def test_run_leaves_nothing(kilobytes: int, tmp_path: Path) -> None:
+def test_run_leaves_nothing(kilobytes: int, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    if kilobytes == 2:  # result.nc is larger, and it is written before plots
+        request.getfixturevalue("without_plots")
     run = ("run", "midpoint", *IDEAL, "--out", tmp_path / "a" / "out")
     assert answer_of(*run).code == 0  # compiles, which writes files too
     shutil.rmtree(tmp_path / "a")

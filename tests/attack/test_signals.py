@@ -43,6 +43,7 @@ def abandoned(path: Path, suffix: str = "part", directory: bool = True) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
 def test_the_next_command_removes_what_a_killed_one_left(tmp_path: Path) -> None:
     out = tmp_path / "out"
     stale = abandoned(out)

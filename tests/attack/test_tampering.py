@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from tests.commands import IDEAL, SMALL, all_contents, answer_of, is_refusal, only_errors
+from tests.conftest import draw_nothing
 
 Damage = Callable[[bytes, random.Random], bytes]
 
@@ -49,7 +50,9 @@ DAMAGES: list[Damage] = [truncated, flipped, blanked, swapped, extended]
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("tampering") / "run"
-    assert answer_of("run", "midpoint", *IDEAL, *SMALL, "--out", directory).code == 0
+    with pytest.MonkeyPatch.context() as without:
+        draw_nothing(without)
+        assert answer_of("run", "midpoint", *IDEAL, *SMALL, "--out", directory).code == 0
     return directory
 
 

@@ -5,8 +5,7 @@ Oracles: `simulate` of the seed that `info` names, to the bit, and a `Session` t
 
 import copy
 import pickle
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -17,14 +16,15 @@ pytest.importorskip("dm_control")  # has no build for the newest Pythons
 
 from gymnasium.vector import AsyncVectorEnv
 
-from mjsheaf import Session, load_scenario, simulate
+from mjsheaf import Session, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.envs import dm_env, env, parallel_env, vector_env
 from mjsheaf.errors import InputError
 from mjsheaf.noise import next_seed
 from mjsheaf.scenario import Scenario
-from tests.builders import mixed_scenario, refused
+from tests.builders import build_scenario, mixed_scenario, refused
 
+pytestmark = pytest.mark.filterwarnings("error")
 RANDOM: dict[str, Any] = {
     "spread": {"position": 0.5},
     "disturbance": {"agents": {"bound": 0.5}, "targets": {"bound": 0.2}},
@@ -118,13 +118,6 @@ FACES: dict[str, Callable[..., Face]] = {
 COPIED: dict[str, Callable[[Any], Any]] = {"copy": copy.deepcopy, "pickle": lambda one: pickle.loads(pickle.dumps(one))}
 
 
-@pytest.fixture(autouse=True)
-def _warnings_are_errors() -> Iterator[None]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        yield
-
-
 def places(face: Face) -> list[Array]:
     """Return the positions of all vehicles in each run, m."""
     return [episode.world.positions() for episode in face.episodes]
@@ -186,19 +179,17 @@ def test_info_names_the_seed() -> None:
 def test_runs_whose_seeds_change_what_they_share_go_on_one_by_one() -> None:
     """Frozen gusts have as many nodes as the ways along which vehicles may go, which begin where a seed draws them."""
     gusts = {"kind": "dryden", "wind_speed": 6, "frozen": True}
-    scenario = load_scenario(
-        {
-            "name": "frozen",
-            "time": {"end": 2},
-            "controller": {"gain": 0.5, "control_period": 0.1},
-            "agents": [{"id": id, "position": [x, 0, 5], "vehicle": "x500"} for id, x in (("A", 0), ("B", 5))],
-            "targets": [{"id": "T", "position": [2, 2, 5]}],
-            "communication": [["A", "B"]],
-            "sensing": [["A", "T"]],
-            "spread": {"position": 4},
-            "flow": {"air": {"dimension": 3, "drift": [1, 0, 0], "gusts": gusts}},
-            "physics": {"timestep": 0.01},
-        }
+    scenario = build_scenario(
+        {"A": [0, 0, 5], "B": [5, 0, 5]},
+        {"T": [2, 2, 5]},
+        [["A", "T"]],
+        communication=[["A", "B"]],
+        time={"end": 2},
+        controller={"gain": 0.5, "control_period": 0.1},
+        vehicles={"agents": "x500"},
+        spread={"position": 4},
+        flow={"air": {"dimension": 3, "drift": [1, 0, 0], "gusts": gusts}},
+        physics={"timestep": 0.01},
     )
     runs: Any = vector_env(scenario, 1)
     alone = env(scenario, engine="fused")
@@ -237,11 +228,12 @@ def test_a_copy_within_a_period_and_after_a_blow_up() -> None:
     control = dm_env(random_scenario())
     control.reset()
     control.physics.step(13)
-    copied = copy.deepcopy(control)
-    assert copied.physics.data.qpos.tobytes() == control.physics.data.qpos.tobytes()
-    for one in (control, copied):
-        one.physics.step(17)
-    assert copied.physics.data.qpos.tobytes() == control.physics.data.qpos.tobytes()
+    copies = [copy.deepcopy(control).physics, control.physics.copy(), pickle.loads(pickle.dumps(control.physics))]
+    control.physics.step(37)
+    for copied in copies:
+        assert copied.data.qpos.tobytes() != control.physics.data.qpos.tobytes()
+        copied.step(37)
+        assert copied.data.qpos.tobytes() == control.physics.data.qpos.tobytes()
     whole: Any = env(mixed_scenario(controller={"gain": 1e8, "control_period": 0.01}))
     whole.reset()
     over = False

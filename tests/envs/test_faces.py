@@ -1,8 +1,6 @@
 """The environments of PettingZoo and Gymnasium: their own conformance suites, and the run itself where nobody acts."""
 
 import os
-import warnings
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,16 +14,17 @@ from mjsheaf.arrays import Array
 from mjsheaf.envs import env, parallel_env, vector_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.load import list_scenarios
 from tests.builders import mixed_scenario, refused
+from tests.builders import shipped as all_shipped
 from tests.commands import drawing, python
 from tests.strategies import tried
 
+pytestmark = pytest.mark.filterwarnings("error")
 LOST = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}, {"time": 0.2, "join": "boat"}]}
 GONE = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}]}
 SHIPPED = ["midpoint", "paper", "harbour_lost_hexarotor", "leader_follower", "range_formation", "quads"]
 if os.environ.get("MJSHEAF_SCENARIOS") == "all":
-    SHIPPED = [name for name in list_scenarios() if len(load_scenario(name).agents) <= 20]
+    SHIPPED = [name for name, own in all_shipped().items() if len(own.agents) <= 20 and own.expect.refused is None]
 
 EARLIER = {"harbour_lost_hexarotor": {"events.1.time": 0.6, "events.2.time": 1.2}}
 
@@ -35,17 +34,9 @@ def still(space: Any) -> Array:
     return np.zeros(space.shape)
 
 
-@pytest.fixture(autouse=True)
-def _warnings_are_errors() -> Iterator[None]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        yield
-
-
-def shipped(name: str) -> Scenario | None:
-    """A shipped scenario, its events within two seconds; None if it is refused."""
-    scenario = load_scenario(name, EARLIER.get(name))
-    return scenario if scenario.expect.refused is None else None
+def shipped(name: str) -> Scenario:
+    """A shipped scenario, its events within two seconds."""
+    return load_scenario(name, EARLIER.get(name))
 
 
 def cycles_beyond_events(scenario: Scenario, cycles: int) -> int:
@@ -71,13 +62,18 @@ def horizon(scenario: Scenario, cycles: int) -> float:
     return min(cycles, scenario.whole.grid.steps) * scenario.whole.grid.period
 
 
+def require_conformance(scenario: Scenario, **options: Any) -> None:
+    """Run the suites of PettingZoo and of Gymnasium."""
+    parallel_api_test(parallel_env(scenario, **options), num_cycles=60)
+    parallel_seed_test(lambda: parallel_env(scenario, **options), num_cycles=30)
+    check_env(env(scenario, **options), skip_render_check=True)
+
+
 @pytest.mark.parametrize("change", [{"time": {"end": 0.2}}, LOST, GONE])
 def test_the_conformance_suites_pass(change: dict[str, Any]) -> None:
     scenario = mixed_scenario(**change)
-    parallel_api_test(parallel_env(scenario), num_cycles=60)
-    parallel_seed_test(lambda: parallel_env(scenario), num_cycles=30)
+    require_conformance(scenario)
     compare_seeds(scenario, 60)
-    check_env(env(scenario), skip_render_check=True)
 
 
 @pytest.mark.slow
@@ -88,8 +84,6 @@ def test_the_conformance_suites_pass_on_shipped_scenarios(name: str) -> None:
     `MJSHEAF_SCENARIOS=all` tries every one of at most 20 agents.
     """
     scenario = shipped(name)
-    if scenario is None:
-        return
     cycles, fewer = cycles_beyond_events(scenario, tried(1000, 150)), tried(500, 100)
     parallel_api_test(parallel_env(scenario, horizon=horizon(scenario, cycles)), num_cycles=cycles)
     parallel_seed_test(lambda: parallel_env(scenario, horizon=horizon(scenario, fewer)), num_cycles=fewer)

@@ -3,20 +3,17 @@
 Oracles: the run whose recorded commands are given again, to the bit; free fall; the weight of a drone.
 """
 
-import warnings
 from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from pettingzoo.test import parallel_api_test, parallel_seed_test  # type: ignore[import-untyped]
 
 from mjsheaf import Session, load_scenario
 from mjsheaf.envs import Episode, dm_env, env, parallel_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from tests.builders import make_scenario, mixed_scenario, refused
-from tests.envs.test_faces import still
+from tests.builders import build_scenario, mixed_scenario, refused
+from tests.envs.test_faces import require_conformance, still
 from tests.envs.test_vector import compare
 
 G = 9.81  # m/s^2
@@ -25,21 +22,17 @@ KINDS = ["quadrotor", "x500", "otter", "otter_rudder", "wamv_azimuth"]
 
 def fleet(kinds: list[str] = KINDS, **fields: Any) -> Scenario:
     """Vehicles far from each other that track a drone in still air and water; one physics step a period."""
-    agents = [
-        {"id": kind, "vehicle": kind, "position": [10.0 * k, 0.0, 20.0][: 3 if kind in ("quadrotor", "x500") else 2]}
+    agents = {
+        kind: {"vehicle": kind, "position": [10.0 * k, 0.0, 20.0][: 3 if kind in ("quadrotor", "x500") else 2]}
         for k, kind in enumerate(kinds)
-    ]
-    return make_scenario(
-        {
-            "time": {"end": 0.2},
-            "controller": {"gain": 0.1, "control_period": 0.002},
-            "physics": {"timestep": 0.002, "contacts": False},
-            "agents": agents,
-            "targets": [{"id": "drone", "vehicle": "x500", "position": [0.0, 10.0, 20.0]}],
-            "sensing": [[kind, "drone"] for kind in kinds],
-            **fields,
-        }
-    )
+    }
+    usual: dict[str, Any] = {
+        "time": {"end": 0.2},
+        "controller": {"gain": 0.1, "control_period": 0.002},
+        "physics": {"timestep": 0.002, "contacts": False},
+    }
+    target = {"vehicle": "x500", "position": [0.0, 10.0, 20.0]}
+    return build_scenario(agents, {"drone": target}, [[kind, "drone"] for kind in kinds], **usual | fields)
 
 
 def hold(episode: Episode, command: dict[str, Any], periods: int) -> None:
@@ -125,13 +118,9 @@ def test_absent_agents_fall_stop_or_wait_whatever_their_action() -> None:
     assert resting.world.positions()[0, 2] == pytest.approx(20.0, abs=1e-3)  # it waits under its autopilot
 
 
+@pytest.mark.filterwarnings("error")
 def test_the_conformance_suites_pass() -> None:
-    scenario = fleet(time={"end": 0.1})
-    parallel_api_test(parallel_env(scenario, action="thrust"), num_cycles=60)
-    parallel_seed_test(lambda: parallel_env(scenario, action="thrust"), num_cycles=30)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(env(scenario, action="thrust"), skip_render_check=True)
+    require_conformance(fleet(time={"end": 0.1}), action="thrust")
 
 
 @pytest.mark.long

@@ -9,16 +9,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
+from mjsheaf.arrays import Array
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import REAL, alone, altered, attitude, body, place, setting, step_unpowered
+from tests.builders import REAL, altered, setting
+from tests.loop.one_vehicle import alone, attitude, body, place, step_unpowered
 from tests.oracles.rigid_body import rigid_mass, skew
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 W = np.array([0.5, -0.3, 0.2])  # m/s, of the medium

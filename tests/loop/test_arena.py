@@ -15,7 +15,8 @@ from mjsheaf.errors import InputError
 from mjsheaf.vehicles.arena import compose
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import GRAVITY
-from tests.builders import TETRAHEDRON, Edit, Part, adding, alone, altered, ask, find
+from tests.builders import TETRAHEDRON, Edit, Part, adding, altered, find
+from tests.loop.one_vehicle import alone, ask
 
 IN_DEGREES: list[Part] = [  # every way to write an orientation that depends on the unit
     ("default", '<default class="slanted"><geom euler="0 30 0" type="box" size=".5 .3 .1"/></default>'),

@@ -10,29 +10,15 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
+from mjsheaf.arrays import Array
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import (
-    MULTIROTORS,
-    REAL,
-    alone,
-    altered,
-    ask,
-    attitude,
-    body,
-    largest_tilt,
-    place,
-    wanted_force,
-    wrench,
-    yaw_of,
-)
-from tests.oracles.rigid_body import hold_moment, inertia_about_centre
-
-Array = NDArray[np.float64]
+from tests.builders import MULTIROTORS, REAL, altered
+from tests.loop.one_vehicle import alone, ask, attitude, body, largest_tilt, place, wanted_force, wrench, yaw_of
+from tests.oracles.rigid_body import hold_moment
 
 FULL = ("hexarotor", "wamv")
 POINTING = ("quadrotor", "x500")
@@ -308,20 +294,3 @@ def test_commands_within_the_limits_are_left_alone() -> None:
         assert limited.saturation()[0] == 0.0
         np.testing.assert_array_equal(limited.data.qpos, free.data.qpos)
         np.testing.assert_array_equal(limited.data.ctrl, free.data.ctrl)
-
-
-@pytest.mark.usefixtures("engine")
-@pytest.mark.parametrize("name", MULTIROTORS)
-def test_attitude_is_held_at_the_frequency_that_is_given(name: str) -> None:
-    """A small turn about each axis is met by -omega^2 theta, wherever the mass has its centre."""
-    world = alone(name)
-    vehicle, _, _, thrusters = body(world)
-    for axis in range(3):
-        theta = np.zeros(3)
-        theta[axis] = 1e-3
-        place(world, Rotation.from_rotvec(theta).as_matrix(), np.zeros(3), np.zeros(3))
-        ask(world, [0, 0, 0])
-        force = vehicle.W @ world.data.ctrl[thrusters]
-        couple = force[3:] - np.cross(vehicle.centre_of_mass, force[:3])
-        alpha = np.linalg.solve(inertia_about_centre(vehicle), couple)
-        np.testing.assert_allclose(alpha, -(vehicle.hold.frequency**2) * theta, rtol=0.02, atol=2e-3)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.linear import HeldPoint, linearise
@@ -26,23 +27,8 @@ from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full, HandPoint
-from tests.builders import (
-    Edit,
-    alone,
-    altered,
-    ask,
-    attitude,
-    body,
-    find,
-    least_thrust,
-    place,
-    pursuit,
-    setting,
-    wanted_force,
-    yaw_of,
-)
-
-Array = NDArray[np.float64]
+from tests.builders import Edit, altered, find, known, pursuit, setting
+from tests.loop.one_vehicle import alone, ask, attitude, body, least_thrust, place, wanted_force, yaw_of
 
 NAME = "wamv_azimuth"
 PUSH = 2353.5  # N
@@ -62,14 +48,6 @@ def wrench(world: World) -> Array:
     commands = world.data.ctrl[own].reshape(-1, 2).copy()
     commands[:, 1] = world.data.act[own].reshape(-1, 2)[:, 1]
     return np.asarray(vehicle.W @ efforts(commands))
-
-
-def settle_angles(world: World) -> None:
-    """Give the engines the time to turn while nothing else moves."""
-    own = body(world)[3]
-    for _ in range(5000):
-        world.data.act[own][1::2] = world.data.ctrl[own][1::2]
-        world.close_loop(sample=False)
 
 
 def swivel(name: str = "thruster_port", **fields: Any) -> dict[str, Any]:
@@ -127,6 +105,22 @@ def turner(low: float, high: float, weakest: float = -1.0) -> AzimuthThruster:
     return AzimuthThruster("pod", wrench, ctrl=(weakest, 1.0), low=low, high=high, **more)
 
 
+def packed(pod: AzimuthThruster) -> NDArray[np.void]:
+    """Its two channels, thrust and angle."""
+    channels = np.zeros(2, CHANNEL)
+    low, high = known(pod.ctrl)
+    channels["low"], channels["high"], channels["state"] = [low, pod.low], [high, pod.high], [0, 1]
+    pod.pack(channels, 0.01)
+    return channels
+
+
+def aimed(channels: NDArray[np.void], x: float, y: float, angle: float) -> Array:
+    """Commands for a force (x, y) at an angle of now."""
+    ctrl = np.array([x, y])
+    aim(channels, STILL, STILL, np.array([0.0, angle]), ctrl)
+    return ctrl
+
+
 LIMITS = [(-90, 90, -1.0), (-35, 35, -1.0), (-35, 35, 0.0), (20, 100, -0.3), (-180, 180, 0.0), (-350, 10, -0.5)]
 
 
@@ -144,10 +138,7 @@ def test_the_half_planes_hold_all_that_it_can_push_and_touch_it(low: float, high
 def test_it_takes_the_best_thrust_and_angle_that_it_can_reach(low: float, high: float, weakest: float) -> None:
     """Whatever the angle now: it leaves no more out than the best of all does, and the share that spares a turn."""
     pod = turner(low, high, weakest)
-    channels = np.zeros(2, CHANNEL)
-    channels["low"], channels["high"] = [weakest, pod.low], [1.0, pod.high]
-    channels["state"] = 0, 1
-    pod.pack(channels, 0.01)
+    channels = packed(pod)
     angles, thrusts = np.meshgrid(np.linspace(pod.low, pod.high, 1441), np.linspace(weakest, 1.0, 101))
     able = thrusts * np.exp(1j * angles)
 
@@ -155,36 +146,26 @@ def test_it_takes_the_best_thrust_and_angle_that_it_can_reach(low: float, high: 
     def each(size: float, bearing: float, share: float) -> None:
         f, now = size * np.exp(1j * bearing), pod.low + share * (pod.high - pod.low)
         for _ in range(2):  # the first turns it, the second thrusts there
-            ctrl = np.array([f.real, f.imag])
-            aim(channels, STILL, STILL, np.array([0.0, now]), ctrl)
-            assert weakest <= ctrl[0] <= 1.0
-            assert pod.low <= ctrl[1] <= pod.high
-            now = ctrl[1]
-        missed = abs(ctrl[0] * np.exp(1j * ctrl[1]) - f)
+            thrust, now = aimed(channels, f.real, f.imag, now)
+            assert weakest <= thrust <= 1.0
+            assert pod.low <= now <= pod.high
+        missed = abs(thrust * np.exp(1j * now) - f)
         assert missed <= np.abs(able - f).min() + 0.2 * size + 1e-12
 
     each()
 
 
 def test_it_does_not_turn_round_for_thrust_astern_or_for_nothing() -> None:
-    pod, channels = turner(-90, 90), np.zeros(2, CHANNEL)
-    channels["low"], channels["high"], channels["state"] = [-1.0, -END], [1.0, END], [0, 1]
-    pod.pack(channels, 0.01)
+    channels = packed(turner(-90, 90))
     for x, y, thrust, angle in ((-0.3, -0.4, -0.5, np.arctan2(4, 3)), (0.0, 0.0, 0.0, 0.9)):
-        ctrl = np.array([x, y])
-        aim(channels, STILL, STILL, np.array([0.0, angle]), ctrl)
-        np.testing.assert_allclose(ctrl, [thrust, angle], atol=1e-15)
+        np.testing.assert_allclose(aimed(channels, x, y, angle), [thrust, angle], atol=1e-15)
 
 
 def test_rounding_does_not_turn_it() -> None:
     """A force of rounding's size turns it by 1e-7 of its reach at most, the dead band by all of it."""
-    pod, channels = replace(turner(-90, 90), rate=1.0), np.zeros(2, CHANNEL)
-    channels["low"], channels["high"], channels["state"] = [-1.0, -END], [1.0, END], [0, 1]
-    pod.pack(channels, 0.01)
+    channels = packed(replace(turner(-90, 90), rate=1.0))
     for size, share in ((1e-16, 1e-10), (1e-13, 1e-7), (1e-9, 1e-3), (0.5e-6, 0.5), (1e-6, 1.0), (1e-3, 1.0)):
-        ctrl = np.array([0.0, size])
-        aim(channels, STILL, STILL, np.array([0.0, 0.2]), ctrl)
-        assert ctrl[1] - 0.2 == pytest.approx(0.01 * share, rel=1e-6, abs=1e-16)
+        assert aimed(channels, 0.0, size, 0.2)[1] - 0.2 == pytest.approx(0.01 * share, rel=1e-6, abs=1e-16)
 
 
 @pytest.mark.parametrize("limits", [True, False])
@@ -349,7 +330,9 @@ def test_far_beyond_its_limits_it_pushes_where_it_is_asked_to() -> None:
     for _ in range(20):
         v = rng.standard_normal(2) * 100.0
         ask(world, v)
-        settle_angles(world)
+        for _ in range(5000):  # time for the engines to turn, while nothing else moves
+            world.data.act[own][1::2] = world.data.ctrl[own][1::2]
+            world.close_loop(sample=False)
         R = attitude(world)
         wanted = wanted_force(vehicle, R, R.T @ [*v, 0.0], np.zeros(3))[:2]
         force = wrench(world)[:2]

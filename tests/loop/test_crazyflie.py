@@ -5,40 +5,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import check, load_scenario, simulate
+from mjsheaf import check, simulate
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import load_vehicle
+from tests.builders import build_scenario
 
 ENGINES = ["fused", "mujoco"]
 
 
 def square(**fields: Any) -> Scenario:
     """Four Crazyflies about a fifth that circles."""
-    flies = [f"C{k}" for k in range(4)]
-    places = [[0.5 * k - 0.7, 0.3 * (-1) ** k, 1.0 + 0.1 * k] for k in range(4)]
-    circle = {
-        "kind": "lissajous",
-        "amplitude": [1, 1, 0.2],
-        "rate": [0.1, 0.1, 0.15],
-        "phase": [1.57, 0, 0],
-        "pull": 0.5,
+    flies = {
+        f"C{k}": {"position": [0.5 * k - 0.7, 0.3 * (-1) ** k, 1.0 + 0.1 * k], "heading": 40.0 * k} for k in range(4)
     }
-    return load_scenario(
-        {
-            "time": {"end": 40},
-            "controller": {"gain": 0.4, "control_period": 0.02, "velocity_limit": 1.5},
-            "agents": [
-                {"id": id, "position": place, "vehicle": "crazyflie", "heading": 40.0 * k}
-                for k, (id, place) in enumerate(zip(flies, places, strict=True))
-            ],
-            "targets": [{"id": "T", "position": [0.0, 0.0, 1.5], "vehicle": "crazyflie", "motion": circle}],
-            "communication": [[a, b] for a, b in zip(flies, [*flies[1:], flies[0]], strict=True)],
-            "sensing": [[id, "T"] for id in flies],
-            "formations": [{"name": "square", "shape": "square", "members": flies, "about": "T", "side": 1.0}],
-            "physics": {"timestep": 0.002},
-            **fields,
-        }
-    )
+    circle = {"amplitude": [1, 1, 0.2], "rate": [0.1, 0.1, 0.15], "phase": [1.57, 0, 0], "pull": 0.5}
+    usual: dict[str, Any] = {
+        "time": {"end": 40},
+        "controller": {"gain": 0.4, "control_period": 0.02, "velocity_limit": 1.5},
+        "communication": [["C0", "C1"], ["C1", "C2"], ["C2", "C3"], ["C3", "C0"]],
+        "formations": [{"name": "square", "shape": "square", "members": [*flies], "about": "T", "side": 1.0}],
+        "vehicles": {"agents": "crazyflie", "targets": "crazyflie"},
+        "physics": {"timestep": 0.002},
+    }
+    target = {"position": [0.0, 0.0, 1.5], "motion": {"kind": "lissajous", **circle}}
+    return build_scenario(flies, {"T": target}, [[id, "T"] for id in flies], **usual | fields)
 
 
 def test_its_numbers_are_those_of_the_source() -> None:

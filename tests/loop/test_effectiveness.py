@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles import allocation as effectiveness
 from mjsheaf.vehicles.allocation import ControlEffectiveness
+from tests.builders import turn
 
 
 def matrix(g: ControlEffectiveness, q: ArrayLike, t: float) -> NDArray[np.float64]:
     """g(q, t) at the position q (n,) in m and the time t in s, shape (n, s)."""
     W = np.array(g.layout, dtype=np.float64)
     psi = g.heading + g.heading_rate * t + (0.0 if g.heading_gradient is None else np.dot(g.heading_gradient, q))
-    c, s = np.cos(np.deg2rad(psi)), np.sin(np.deg2rad(psi))
-    W[:2] = [[c, -s], [s, c]] @ W[:2]
+    W[:2] = turn(np.deg2rad(psi)) @ W[:2]
     return W
 
 

@@ -16,21 +16,8 @@ from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import (
-    BOATS,
-    DATA,
-    MULTIROTORS,
-    POWERED,
-    REAL,
-    alone,
-    ask,
-    attitude,
-    body,
-    largest_tilt,
-    least_thrust,
-    place,
-    yaw_of,
-)
+from tests.builders import BOATS, DATA, MULTIROTORS, POWERED, REAL
+from tests.loop.one_vehicle import alone, ask, attitude, body, largest_tilt, least_thrust, place, yaw_of
 
 IDEAL = ("hull", "aerial", "submersible")
 CHANGES = {

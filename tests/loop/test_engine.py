@@ -14,7 +14,7 @@ import pytest
 
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.mujoco_import import quiet, refusing
-from tests.builders import alone
+from tests.loop.one_vehicle import alone
 
 BOX = """<mujoco><asset><mesh name="hull" file="hull.obj"/></asset><worldbody><body name="hull">
 <geom type="mesh" mesh="hull" mass="1.5"/><site name="s"/></body></worldbody></mujoco>"""

@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import check, load_scenario, simulate
+from mjsheaf import check, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.slips import drifts_of, slips_of
 from mjsheaf.vehicles.effects import authority_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from tests.builders import POWERED
+from tests.builders import POWERED, build_scenario, list_members
 from tests.strategies import long
 
 MOVING: dict[str, Any] = {
@@ -28,23 +28,13 @@ SWIRL: dict[str, Any] = {"water": {"dimension": 2, "vortices": [{"centre": [10, 
 
 def team(motion: dict[str, Any] | None, flow: dict[str, Any], **fields: Any) -> Scenario:
     """A boat and a drone, each with a target."""
+    boat, drone = {"vehicle": "wamv"}, {"vehicle": "x500"}
     own = {} if motion is None else {"motion": motion}
-    return load_scenario(
-        {
-            "time": {"end": 20},
-            "controller": {"gain": 0.5},
-            "agents": [
-                {"id": "B", "position": [0, 0], "vehicle": "wamv"},
-                {"id": "D", "position": [0, 0, 9], "vehicle": "x500"},
-            ],
-            "targets": [
-                {"id": "S", "position": [4, 1], "vehicle": "wamv", **own},
-                {"id": "U", "position": [3, 1, 12], "vehicle": "x500", **own},
-            ],
-            "sensing": [["B", "S"], ["D", "U"]],
-            "flow": flow,
-            **fields,
-        }
+    return build_scenario(
+        {"B": {"position": [0, 0], **boat}, "D": {"position": [0, 0, 9], **drone}},
+        {"S": {"position": [4, 1], **boat, **own}, "U": {"position": [3, 1, 12], **drone, **own}},
+        [["B", "S"], ["D", "U"]],
+        **{"time": {"end": 20}, "controller": {"gain": 0.5}, "flow": flow} | fields,
     )
 
 
@@ -90,12 +80,8 @@ def test_agents_reach_a_fixed_target_and_theory_knows_that_it_rests() -> None:
     scenario = team({"kind": "fixed"}, {"agents": {"dimension": 2}, "targets": {"dimension": 2, "drift": [1.0, 0.0]}})
     record = check(scenario, trial=False)
     assert record["theorem"]["f_bar"] == 0.0
-    assert (
-        check(team({"kind": "adrift"}, {"targets": {"dimension": 2, "drift": [1.0, 0.0]}}), trial=False)["theorem"][
-            "f_bar"
-        ]
-        > 0.9
-    )
+    adrift = team({"kind": "adrift"}, {"targets": {"dimension": 2, "drift": [1.0, 0.0]}})
+    assert check(adrift, trial=False)["theorem"]["f_bar"] > 0.9
     result = simulate(scenario, backend="ideal")
     np.testing.assert_allclose(result["agent_position"].values[-1, 0, :2], [4.0, 1.0], atol=1e-3)
 
@@ -107,7 +93,7 @@ def test_a_fixed_target_stays_when_agents_are_lost_and_join() -> None:
         {"time": 10, "set": {"flow.water.drift": [0.5, 1.0]}},
         {"time": 15, "join": "C"},
     ]
-    agents = [{"id": id, "position": place} for id, place in {"B": [0, 0], "C": [9, 9], "D": [0, 0, 9]}.items()]
+    agents = list_members({"B": [0, 0], "C": [9, 9], "D": [0, 0, 9]})
     sensing = [["B", "S"], ["C", "S"], ["D", "U"]]
     scenario = team({"kind": "fixed"}, STEADY, events=events, agents=agents, sensing=sensing)
     assert [phase.system.waiting is not None for phase in scenario.phases] == [True] * 4
@@ -167,16 +153,9 @@ WATER = {"water": {"dimension": 2, "drift": [0.3, -0.2]}}
 
 def watched(target: dict[str, Any], **fields: Any) -> Scenario:
     """A boat that watches a buoy."""
-    return load_scenario(
-        {
-            "time": {"end": 30},
-            "agents": [{"id": "A", "position": [0.0, 0.0], "vehicle": "otter"}],
-            "targets": [{"id": "B", "position": [5.0, 3.0], "vehicle": "buoy", **target}],
-            "sensing": [["A", "B"]],
-            "physics": {"timestep": 0.01},
-            **fields,
-        }
-    )
+    boat, buoy = {"position": [0.0, 0.0], "vehicle": "otter"}, {"position": [5.0, 3.0], "vehicle": "buoy"}
+    usual: dict[str, Any] = {"time": {"end": 30}, "physics": {"timestep": 0.01}}
+    return build_scenario({"A": boat}, {"B": buoy | target}, [["A", "B"]], **usual | fields)
 
 
 @pytest.mark.parametrize("engine", ["fused", "mujoco"])
@@ -195,7 +174,7 @@ def test_it_stays_where_it_is_in_still_water() -> None:
 
 
 def test_it_cannot_be_an_agent() -> None:
-    scenario = watched({}, agents=[{"id": "A", "position": [0.0, 0.0], "vehicle": "buoy"}])
+    scenario = watched({}, agents=list_members({"A": [0.0, 0.0]}, vehicle="buoy"))
     with pytest.raises(InputError, match=r"agents\.A\.vehicle: 'buoy' has no thrusters and cannot be an agent"):
         simulate(scenario)
 

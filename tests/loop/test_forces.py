@@ -11,19 +11,18 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.vehicles import vehicle as vehicles
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, attitude, body, find, make_scenario, mixed_scenario, pursuit, setting, xml_of
+from tests.builders import altered, build_scenario, find, mixed_scenario, pursuit, setting, xml_of
+from tests.loop.one_vehicle import attitude, body
 from tests.oracles.law import medium, velocity_commands
 from tests.oracles.rigid_body import hold_moment
 from tests.running import run_physics
-
-Array = NDArray[np.float64]
 
 LINEAR = {"linear": [200.0, 900.0, 1500.0], "angular": [50.0, 60.0, 70.0]}
 SHIFTED = setting(".//inertial", pos="0.15 -0.1 0.2")
@@ -136,18 +135,9 @@ def test_gears_on_the_joint_are_thrusters_on_sites(name: str, tmp_path: Path) ->
 
 def drifting(tmp_path: Path, timestep: float, flow: dict[str, Any], **vehicle: Any) -> World:
     """A submersible that commands nothing, in a flow."""
-    target = {"id": "T", "position": [1, 2, -3], "heading": 35}
-    target["vehicle"] = altered(tmp_path, "submersible", **vehicle)
-    return World(
-        make_scenario(
-            {
-                "agents": [{"id": "A", "position": [9, 9]}],
-                "targets": [target],
-                "flow": {"targets": {"dimension": 3, **flow}},
-                "physics": {"timestep": timestep},
-            }
-        )
-    )
+    target = {"position": [1, 2, -3], "heading": 35, "vehicle": altered(tmp_path, "submersible", **vehicle)}
+    fields: dict[str, Any] = {"flow": {"targets": {"dimension": 3, **flow}}, "physics": {"timestep": timestep}}
+    return World(build_scenario({"A": [9, 9]}, {"T": target}, [], **fields))
 
 
 @pytest.mark.parametrize("stiff", [0.0, np.inf], ids=["joint", "force"])
@@ -178,20 +168,20 @@ def test_the_error_falls_with_the_step(engine: str) -> None:
     """By half for half the step, whatever the vehicle: how drag is integrated does not depend on the step."""
 
     def positions(timestep: float, engine: str) -> Array:
-        fields = {
-            "time": {"end": 0.6},
-            "controller": {"gain": 1.0, "control_period": 0.02},
-            "agents": [{"id": name, "position": p, "vehicle": name, "heading": 20} for name, p in UNLIKE.items()],
-            "targets": [{"id": f"T{name}", "position": p} for name, p in UNLIKE.items()],
-            "sensing": [[name, f"T{name}"] for name in UNLIKE],
-            "physics": {"timestep": timestep},
-        }
+        scenario = build_scenario(
+            {name: {"position": p, "vehicle": name, "heading": 20} for name, p in UNLIKE.items()},
+            {f"T{name}": p for name, p in UNLIKE.items()},
+            [[name, f"T{name}"] for name in UNLIKE],
+            time={"end": 0.6},
+            controller={"gain": 1.0, "control_period": 0.02},
+            physics={"timestep": timestep},
+        )
         spatial = np.array([len(p) == 3 for p in UNLIKE.values()])
 
         def law(t: float, _: Any) -> Array:
             return np.column_stack([np.full(5, np.sin(t)), np.full(5, np.cos(2 * t)), 0.3 * np.sin(3 * t) * spatial])
 
-        run = simulate(make_scenario(fields), engine=engine, threads=1, controller=law)
+        run = simulate(scenario, engine=engine, threads=1, controller=law)
         return np.asarray(run.agent_position.fillna(0.0))
 
     exact = 2.0 * positions(0.00005, "fused") - positions(0.0001, "fused")
@@ -297,11 +287,8 @@ LIMITED = {"ctrlrange": "-40 60", "forcerange": "-30 30", "forcelimited": "true"
 def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None:
     """Settings of a default class apply to the vehicle like those of its actuators."""
     path = altered(tmp_path, "hull", setting(THRUSTER, **LIMITED))
-    agents = [{"id": "A", "position": [0, 0], "vehicle": path}, {"id": "B", "position": [50, 0]}]
-    targets = [{"id": "T", "position": [50, 0]}]
-    scenario = make_scenario(
-        {"agents": agents, "targets": targets, "sensing": [["A", "T"], ["B", "T"]], "time": {"end": 0.5}}
-    )
+    agents = {"A": {"position": [0, 0], "vehicle": path}, "B": [50, 0]}
+    scenario = build_scenario(agents, {"T": [50, 0]}, [["A", "T"], ["B", "T"]], time={"end": 0.5})
     world = World(scenario)
     own = mujoco.MjModel.from_xml_path(str(Path(path).with_suffix(".xml")))
     for name in ("ctrlrange", "ctrllimited", "forcerange", "forcelimited", "dyntype", "dynprm", "gainprm"):

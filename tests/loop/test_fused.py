@@ -13,10 +13,10 @@ import mujoco
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate, simulate_many
+from mjsheaf.arrays import Array
 from mjsheaf.comparing.compare import compare
 from mjsheaf.compile.jit import on_stack, user_jit
 from mjsheaf.compile.tiers import _as_records, in_python
@@ -32,13 +32,12 @@ from mjsheaf.loop.system import on_engine
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import list_scenarios
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import DATA, POWERED, RAFT, adding, altered, find, make_scenario, mixed_scenario, refused
-
-Array = NDArray[np.float64]
+from tests.builders import DATA, POWERED, RAFT, adding, altered, build_scenario, find, mixed_scenario, refused
 
 EPSILON = 1e-12
-FLOW = {"dimension": 3, "drift": [0.6, -0.4, 0.2], "vortices": [{"centre": [1, 2, 0], "axis": [0, 0, 1], "gamma": 4}]}
-FLOW |= {"core": 1.0, "channels": [{"centre": [0, 0, 1], "direction": [1, 1, 0], "beta": 2, "width": 3, "length": 9}]}
+CHANNEL = {"centre": [5.0, 2.0, 1.0], "direction": [1.0, 0.5, 0.1], "beta": 0.7, "width": 4.0, "length": 12.0}
+VORTEX = {"centre": [1, 2, 0], "axis": [0, 0, 1], "gamma": 4}
+FLOW = {"dimension": 3, "core": 1.0, "drift": [0.6, -0.4, 0.2], "vortices": [VORTEX], "channels": [CHANNEL]}
 OFF: dict[str, dict[str, Any]] = {
     "all": {},
     "massless": {"inertia": False},
@@ -48,31 +47,22 @@ OFF: dict[str, dict[str, Any]] = {
 }
 
 
-CHANNEL = {"centre": [5.0, 2.0, 1.0], "direction": [1.0, 0.5, 0.1], "beta": 0.7, "width": 4.0, "length": 12.0}
-
-
 def of_vehicles(names: list[str], timestep: float, components: int = 6, **fields: Any) -> Scenario:
     """A vehicle of each kind, in flow and disturbances."""
-    agents: list[dict[str, Any]] = [
-        {
-            "id": f"A{k}",
-            "position": [3.0 * k, 1.0, 2.0][: load_vehicle(name).dimension],
-            "vehicle": name,
-            "heading": 40 * k,
-        }
+    agents: dict[str, Any] = {
+        f"A{k}": {"position": [3.0 * k, 1.0, 2.0][: load_vehicle(name).dimension], "vehicle": name, "heading": 40 * k}
         for k, name in enumerate(names)
-    ]
-    scenario = {
-        "agents": agents,
-        "targets": [{"id": "T", "position": [0.0, 0.0, 5.0]}],
-        "sensing": [[agent["id"], "T"] for agent in agents],
-        "anchors": [{"agent": a["id"], "axes": ["z"], "value": [1.0]} for a in agents if len(a["position"]) == 3],
-        "flow": {"agents": {**FLOW, "channels": [CHANNEL]}},
-        "disturbance": {"agents": {"bound": 0.5, "frequencies": [0.1, 5.0], "components": components}},
-        "controller": {"gain": 1.0, "control_period": 10 * timestep},
-        "physics": {"timestep": timestep, **fields},
     }
-    return make_scenario(scenario)
+    return build_scenario(
+        agents,
+        {"T": [0.0, 0.0, 5.0]},
+        [[id, "T"] for id in agents],
+        anchors=[{"agent": id, "axes": ["z"], "value": [1.0]} for id, a in agents.items() if len(a["position"]) == 3],
+        flow={"agents": FLOW},
+        disturbance={"agents": {"bound": 0.5, "frequencies": [0.1, 5.0], "components": components}},
+        controller={"gain": 1.0, "control_period": 10 * timestep},
+        physics={"timestep": timestep, **fields},
+    )
 
 
 def unlike(folder: Path) -> list[str]:
@@ -257,13 +247,13 @@ def test_lanes_are_of_fleets_with_enough_neighbours_of_one_kind() -> None:
 def test_lanes_beyond_the_last_boat_have_no_undefined_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Undefined numbers there would take the whole block through the efforts beyond limits."""
     waves = {"kind": "jonswap", "significant_height": 1.0, "peak_period": 4.0, "components": 5}
-    scenario = make_scenario(
-        {
-            "agents": [{"id": f"A{k}", "position": [9.0 * k, 1.0], "vehicle": "wamv"} for k in range(3)],
-            "anchors": [{"agent": f"A{k}", "axes": ["x", "y"], "value": [9.0 * k, 1.0]} for k in range(3)],
-            "flow": {"water": {"dimension": 2, "drift": [0.3, 0.1], "waves": waves}},
-            "controller": {"gain": 1.0, "control_period": 0.02},
-        }
+    scenario = build_scenario(
+        {f"A{k}": {"position": [9.0 * k, 1.0], "vehicle": "wamv"} for k in range(3)},
+        {},
+        [],
+        anchors=[{"agent": f"A{k}", "axes": ["x", "y"], "value": [9.0 * k, 1.0]} for k in range(3)],
+        flow={"water": {"dimension": 2, "drift": [0.3, 0.1], "waves": waves}},
+        controller={"gain": 1.0, "control_period": 0.02},
     )
     blocks = []
 

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 from mjsheaf import load_scenario, simulate, simulate_many
-from mjsheaf.cli.main import main
 from mjsheaf.errors import InputError
 from mjsheaf.files import dump_yaml
 from mjsheaf.runs.expecting import try_scenario
 from mjsheaf.studies import load_plan
 from mjsheaf.studies.workers import run_job
-from tests.builders import make_scenario, mixed_scenario, refused
+from tests.builders import make_fields, make_scenario, mixed_scenario, refused
+from tests.commands import answer_of
 
 BACKENDS = ("ideal", "physics")
 BAD: dict[str, tuple[str, Any, tuple[Any, ...]]] = {
@@ -25,20 +25,12 @@ BAD: dict[str, tuple[str, Any, tuple[Any, ...]]] = {
     "a target's": ("targets.T.vehicle", "nonsense", ("targets.T.vehicle", "nonsense")),
     "too slow": ("vehicles", {"agents": "otter", "tau": 30.0}, ("otter", "time constant")),
 }
-ONE: dict[str, Any] = {
-    "name": "one",
-    "time": {"end": 0.1},
-    "agents": [{"id": "A", "position": [0, 0]}],
-    "targets": [{"id": "T", "position": [3, 0]}],
-    "sensing": [["A", "T"]],
-}
+ONE = make_fields({"A": [0, 0]}, {"T": [3, 0]}, [["A", "T"]], time={"end": 0.1})
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("case", BAD)
-def test_a_vehicle_that_does_not_fit_is_refused_everywhere(
-    case: str, backend: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_vehicle_that_does_not_fit_is_refused_everywhere(case: str, backend: str, tmp_path: Path) -> None:
     path, value, named = BAD[case]
     file = tmp_path / "one.yaml"
     file.write_text(dump_yaml(ONE))
@@ -55,10 +47,9 @@ def test_a_vehicle_that_does_not_fit_is_refused_everywhere(
     plan = load_plan(str(file), overrides={path: value}, backend=backend)
     record = run_job(plan.job(plan.points[0])).record
     assert (record["status"], record["message"]) == ("invalid", reason)
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", str(file), "--backend", backend, "--set", f"{path}={value}", "--out", str(tmp_path / "out")])
-    assert stopped.value.code == 2
-    assert reason in capsys.readouterr().err
+    answer = answer_of("run", file, "--backend", backend, "--set", f"{path}={value}", "--out", tmp_path / "out")
+    assert answer.code == 2
+    assert reason in answer.err
     assert not (tmp_path / "out").exists()
 
 

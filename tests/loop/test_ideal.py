@@ -8,22 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from mjsheaf import load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.system import System
 from mjsheaf.results import make_datasets
 from mjsheaf.scenario import Scenario
-from tests.builders import FACTS, FLOW, Simulated, make_scenario, mixed_scenario, pursuit
+from tests.builders import FACTS, FLOW, Simulated, build_scenario, mixed_scenario, pursuit
 from tests.oracles.law import medium, velocity_commands
 from tests.running import run_ideal
-
-Array = NDArray[np.float64]
-
 
 DISTURBED = {"agents": {"bound": 0.5}, "targets": {"bound": 0.3}}
 MOTION = {"kind": "lissajous", "amplitude": [2, 1, 1], "rate": [1, 2, 1], "phase": [1.5, 0, 0]}
@@ -48,16 +45,15 @@ def test_published_checkpoints(simulated: Simulated) -> None:
     published = simulated("paper", "ideal")
     assert published.sizes["time"] == 4999
     np.testing.assert_allclose(published.time[[0, -1]], [0.01, 49.99], rtol=1e-14)
-    points = FACTS["checkpoints_gain_10"]
-    for t, expected in points["mean_disagreement"].items():
-        seen = published.disagreement.sel(time=float(t), method="nearest").mean()
-        np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-8)
-    for t, expected in points["A10_xy"].items():
-        seen = published.agent_position.sel(agent="A10", axis=["x", "y"]).sel(time=float(t), method="nearest")
-        np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-8)
-    for t, expected in points["T1_xyz"].items():
-        seen = published.target_position.sel(target="T1").sel(time=float(t), method="nearest")
-        np.testing.assert_allclose(seen, expected, rtol=0, atol=1e-8)
+    seen = {
+        "mean_disagreement": published.disagreement.mean("agent"),
+        "A10_xy": published.agent_position.sel(agent="A10", axis=["x", "y"]),
+        "T1_xyz": published.target_position.sel(target="T1"),
+    }
+    for name, values in seen.items():
+        for t, expected in FACTS["checkpoints_gain_10"][name].items():
+            found = values.sel(time=float(t), method="nearest")
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8, err_msg=name)
 
 
 # -- exact solutions -----------------------------------------------------------------------------------------------
@@ -187,21 +183,10 @@ def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
 def test_velocity_limits_are_kept(period: float) -> None:
     """Without flow no agent goes faster than its limit, and those in a hurry go as fast."""
-    agents = [
-        {"id": "slow", "position": [10, 0], "velocity_limit": 0.5},
-        {"id": "usual", "position": [0, 10, 0]},
-        {"id": "near", "position": [0.1, 0, 0]},
-    ]
-    seen = [[name, "T"] for name in ("slow", "usual", "near")]
-    scenario = make_scenario(
-        {
-            "time": {"end": 1.0},
-            "controller": {"gain": 5.0, "control_period": period, "velocity_limit": 2.0},
-            "agents": agents,
-            "targets": [{"id": "T", "position": [0, 0, 0]}],
-            "sensing": seen,
-        }
-    )
+    agents = {"slow": {"position": [10, 0], "velocity_limit": 0.5}, "usual": [0, 10, 0], "near": [0.1, 0, 0]}
+    law = {"gain": 5.0, "control_period": period, "velocity_limit": 2.0}
+    seen = [[name, "T"] for name in agents]
+    scenario = build_scenario(agents, {"T": [0, 0, 0]}, seen, time={"end": 1.0}, controller=law)
     x = run(scenario.system).positions
     speed = np.linalg.norm(np.diff(x[:, :3], axis=0), axis=2) / 0.01
     assert np.all(speed <= np.array([0.5, 2.0, 2.0]) * (1 + 1e-9))
@@ -244,16 +229,15 @@ def test_too_high_a_gain_is_unstable_and_says_why() -> None:
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
 def test_a_run_that_takes_too_many_steps_ends_soon_and_says_why(period: float) -> None:
     """A vortex turns an agent many thousand times a second: no period fails alone, and the run would never end."""
-    recorded = {} if period else {"record_period": 0.01}
-    fields = {
-        "time": {"end": 100.0},
-        "controller": {"gain": 0.1, "control_period": period, **recorded},
-        "agents": [{"id": "calm", "position": [1e6, 0]}, {"id": "dizzy", "position": [0, -1]}],
-        "targets": [{"id": "T", "position": [5, 0]}],
-        "sensing": [["calm", "T"], ["dizzy", "T"]],
-        "flow": {"agents": {"dimension": 2, "core": 0.1, "vortices": [{"centre": [0, 0], "gamma": 1e5}]}},
-    }
-    result = simulate(make_scenario(fields), backend="ideal")
+    scenario = build_scenario(
+        {"calm": [1e6, 0], "dizzy": [0, -1]},
+        {"T": [5, 0]},
+        [["calm", "T"], ["dizzy", "T"]],
+        time={"end": 100.0},
+        controller={"gain": 0.1, "control_period": period, **({} if period else {"record_period": 0.01})},
+        flow={"agents": {"dimension": 2, "core": 0.1, "vortices": [{"centre": [0, 0], "gamma": 1e5}]}},
+    )
+    result = simulate(scenario, backend="ideal")
     assert result.attrs["status"] == "unstable"
     field = "control_period" if period else "record_period"
     vehicle = "dizzy" if period else "calm"  # integrated as one, the vehicle that is farthest away is named

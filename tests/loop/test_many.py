@@ -20,20 +20,18 @@ def runs() -> list[Scenario]:
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
-@pytest.mark.parametrize("workers", [1, 2, 4, None])
-def test_threads_give_the_bits_of_one_by_one(backend: str, workers: int | None) -> None:
+def test_threads_give_the_bits_of_one_by_one(backend: str) -> None:
     scenarios = runs()
-    together = simulate_many(scenarios, backend, workers=workers)
-    for scenario, result in zip(scenarios, together, strict=True):
-        alone = simulate(scenario, backend)
-        assert bits(result) == bits(alone)
-        assert isinstance(result, xr.Dataset)
-        assert result.identical(alone)
-    assert len({bits(result)["agent_position"] for result in together}) == len(scenarios)
+    alone = [simulate(scenario, backend) for scenario in scenarios]
+    for workers in (1, 2, 4, None):
+        for own, result in zip(alone, simulate_many(scenarios, backend, workers=workers), strict=True):
+            assert bits(result) == bits(own), f"{workers} workers"
+            assert isinstance(result, xr.Dataset)
+            assert result.identical(own)
+    assert len({bits(result)["agent_position"] for result in alone}) == len(scenarios)
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-def test_runs_on_the_fused_engine_are_those_alone(workers: int) -> None:
+def test_runs_on_the_fused_engine_are_those_alone() -> None:
     """Seeds and gains over links, one that blows up, events, and other teams."""
     noisy = {"links": {"all": {"noise": 0.02, "loss": 0.2}}, "disturbance": DISTURBED}
     lost = [{"time": 0.1, "lose": "back"}]
@@ -44,20 +42,20 @@ def test_runs_on_the_fused_engine_are_those_alone(workers: int) -> None:
         mixed_scenario(seed=2, controller={"gain": 1e5, "control_period": 0.01}, **noisy),
         mixed_scenario(seed=0, events=lost, **noisy),
         mixed_scenario(seed=3, events=lost, **noisy),
-        mixed_scenario(seed=0, physics={"contacts": True}),
         mixed_scenario(seed=0, **noisy),
     ]
-    results = simulate_many(scenarios, engine="fused", workers=workers)
-    assert isinstance(results[6], InputError)
-    for scenario, result in zip(scenarios, results, strict=True):
-        if scenario is not scenarios[6]:
-            alone = simulate(scenario, engine="fused", threads=1)
-            assert bits(result) == bits(alone)
+    touching = mixed_scenario(seed=0, physics={"contacts": True})
+    alone = [simulate(scenario, engine="fused", threads=1) for scenario in scenarios]
+    for workers in (1, 3):
+        results = simulate_many([*scenarios[:6], touching, *scenarios[6:]], engine="fused", workers=workers)
+        assert isinstance(results.pop(6), InputError)
+        for scenario, own, result in zip(scenarios, alone, results, strict=True):
+            assert bits(result) == bits(own), f"{workers} workers"
             assert isinstance(result, xr.Dataset)
-            assert result.identical(alone)
+            assert result.identical(own)
             assert result.encoding["scenario"] is scenario
-    assert [getattr(result, "attrs", {}).get("status") == "unstable" for result in results].index(True) == 3
-    assert len({bits(result)["agent_position"] for k, result in enumerate(results) if k != 6}) == 6  # first is last
+    assert [run.attrs["status"] == "unstable" for run in alone].index(True) == 3
+    assert len({bits(run)["agent_position"] for run in alone}) == 6  # the first is the last
 
 
 def test_a_refused_scenario_does_not_lose_the_others() -> None:

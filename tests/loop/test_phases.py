@@ -1,20 +1,22 @@
 """Runs of several phases, and worlds that continue from a state, equal runs of one phase bit for bit."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from mjsheaf import World, load_scenario
+from mjsheaf import World
 from mjsheaf.errors import InputError
+from mjsheaf.law import pack_law
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, Worlds
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.team import Team
-from tests.builders import mixed_scenario, two_boats
+from tests.builders import build_scenario, list_members, mixed_scenario, two_boats
 from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
 
 BACKENDS = [(run_ideal, stream_ideal), (run_physics, stream_physics)]
@@ -24,10 +26,7 @@ def without_an_edge(system: System) -> System:
     """The same vehicles without the first edge among agents and with another gain."""
     team = system.team
     fewer = Team(team.agents, team.targets, team.communication[1:], team.sensing, team.target_edges, team.formations)
-    from mjsheaf.law import pack_law
-
-    law = pack_law(fewer, 2.0, 0.0, system.law.limit)
-    return replace(system, team=fewer, gain=2.0, law=law)
+    return replace(system, team=fewer, gain=2.0, law=pack_law(fewer, 2.0, 0.0, system.law.limit))
 
 
 @pytest.mark.parametrize("backend", BACKENDS, ids=["ideal", "bodies"])
@@ -63,29 +62,30 @@ def test_phases_that_do_not_follow_one_another(starts: list[int]) -> None:
         phases_of([Phase(k, system) for k in starts])
 
 
-@pytest.mark.parametrize("steps", [1, 7, 10, 23])
+def require_resumable(run: Scenario | list[Phase], steps: Sequence[int], last: int) -> None:
+    """Require that a new world, and one that was elsewhere, go on from the states after these steps to the bit."""
+    world, whole, other, states = World(run), World(run), World(run), {}
+    for step in steps:
+        world.step(step - world.steps_taken)
+        states[step] = world.time, world.get_state()
+    whole.step(last)
+    end, places = whole.get_state(), whole.positions()
+    other.step(5)
+    for step, (time, state) in states.items():
+        for resumed in (World(run), other):
+            resumed.set_state(state)
+            np.testing.assert_array_equal(resumed.get_state(), state)
+            assert resumed.time == time
+            resumed.step(last - step)
+            np.testing.assert_array_equal(resumed.get_state(), end, err_msg=f"from step {step}")
+            np.testing.assert_array_equal(resumed.positions(), places)
+
+
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
-def test_a_world_goes_on_from_a_state_to_the_bit(period: float, steps: int) -> None:
-    """Also between two samples, where the held command is the law's memory; and in a world that was elsewhere."""
-    scenario = mixed_scenario(
-        controller={"gain": 8.0, "control_period": period}, disturbance={"agents": {"bound": 1.0}}
-    )
-    one, other = World(scenario), World(scenario)
-    one.step(steps)
-    state = one.get_state()
-    one.step(40)
-    for world in (one, other):
-        world.step(5)
-        world.set_state(state)
-        np.testing.assert_array_equal(world.get_state(), state)
-        assert world.time == pytest.approx(steps * 0.001)
-    again = World(scenario)
-    again.step(steps)
-    for world in (one, other, again):
-        world.step(33)
-    for world in (one, other):
-        np.testing.assert_array_equal(world.get_state(), again.get_state())
-        np.testing.assert_array_equal(world.positions(), again.positions())
+def test_a_world_goes_on_from_a_state_to_the_bit(period: float) -> None:
+    """Also between two samples, where the held command is the law's memory."""
+    law = {"gain": 8.0, "control_period": period}
+    require_resumable(mixed_scenario(controller=law, disturbance={"agents": {"bound": 1.0}}), [1, 7, 10, 23], 56)
 
 
 # -- what a phase may change, and what it may not ----------------------------------------------------------------------
@@ -93,20 +93,15 @@ def test_a_world_goes_on_from_a_state_to_the_bit(period: float, steps: int) -> N
 
 def in_a_flow(drift: list[float], **fields: Any) -> Scenario:
     """Sixteen boats that lie where they should: they drift together, and the law has nothing to do."""
-    agents = [{"id": f"A{k}", "position": [1.0, 2.0]} for k in range(15)]
-    return load_scenario(
-        {
-            "time": {"end": 3.0},
-            "controller": {"gain": 1.0, "control_period": 0.1},
-            "agents": agents,
-            "targets": [{"id": "T", "position": [1.0, 2.0]}],
-            "sensing": [[agent["id"], "T"] for agent in agents],
-            "flow": {"water": {"dimension": 2, "drift": drift}},
-            "vehicles": {"tau": 0.1},
-            "physics": {"timestep": 0.01},
-            **fields,
-        }
-    )
+    agents = {f"A{k}": [1.0, 2.0] for k in range(15)}
+    usual: dict[str, Any] = {
+        "time": {"end": 3.0},
+        "controller": {"gain": 1.0, "control_period": 0.1},
+        "flow": {"water": {"dimension": 2, "drift": drift}},
+        "vehicles": {"tau": 0.1},
+        "physics": {"timestep": 0.01},
+    }
+    return build_scenario(agents, {"T": [1.0, 2.0]}, [[id, "T"] for id in agents], **usual | fields)
 
 
 @pytest.mark.parametrize("disturbed", [False, True])
@@ -114,17 +109,15 @@ def test_a_world_goes_on_from_a_state_in_another_medium(disturbed: bool) -> None
     """Also where the phases have disturbances of unlike sizes."""
     gusts = {"disturbance": {"agents": {"bound": 0.5}}} if disturbed else {}
     run = [Phase(0, in_a_flow([0, 0]).system), Phase(10, in_a_flow([2.0, 0], **gusts).system)]
-    one, other = World(run), World(run)
-    one.step(100)
-    state = one.get_state()
-    one.step(37)
-    other.set_state(state)
-    other.step(37)
-    np.testing.assert_array_equal(one.get_state(), other.get_state())
-    assert np.abs(one.positions()[0] - [1.0, 2.0, 0.0]).max() > 0.1
-    one.reset()
-    one.step(100)
-    np.testing.assert_array_equal(one.get_state(), state)
+    require_resumable(run, [100], 137)
+    world = World(run)
+    world.step(100)
+    state = world.get_state()
+    world.step(37)
+    assert np.abs(world.positions()[0] - [1.0, 2.0, 0.0]).max() > 0.1
+    world.reset()
+    world.step(100)
+    np.testing.assert_array_equal(world.get_state(), state)
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
@@ -142,10 +135,9 @@ def test_a_phase_brings_its_own_motions_of_targets(backend: str) -> None:
 
 
 def test_a_phase_brings_its_own_effectiveness_on_ideal_kinematics() -> None:
-    whole, aft = in_a_flow([0, 0], spread={"position": 1.0}).system, [[0.0], [1.0]]
-    agents = [a.model_dump(mode="json", exclude_none=True) for a in in_a_flow([0, 0]).agents]
-    agents = [agent | {"effectiveness": {"layout": aft}} for agent in agents]
-    other = in_a_flow([0, 0], spread={"position": 1.0}, agents=agents).system
+    whole = in_a_flow([0, 0], spread={"position": 1.0}).system
+    aft = list_members({f"A{k}": [1.0, 2.0] for k in range(15)}, effectiveness={"layout": [[0.0], [1.0]]})
+    other = in_a_flow([0, 0], spread={"position": 1.0}, agents=aft).system
     first, second = (d["agent_velocity"].values for d in stream([Phase(0, whole), Phase(5, other)], "ideal", 0))
     assert np.abs(first[..., 0]).max() > 0.1
     assert not second[..., 0].any()
@@ -169,12 +161,10 @@ def test_a_phase_brings_its_own_effectiveness_on_ideal_kinematics() -> None:
 def test_a_phase_cannot_change_the_vehicles_or_the_clock(name: str, change: dict[str, Any]) -> None:
     system = in_a_flow([0, 0]).system
     other = replace(system, bodies=replace(system.bodies, **change))
-    if not change:
-        fields: dict[str, Any] = {
-            "initial": {"initial": system.initial + 1.0},
-            "grid": {"grid": replace(system.grid, steps=9)},
-        }
-        other = replace(system, **fields[name])
+    if name == "initial":
+        other = replace(system, initial=system.initial + 1.0)
+    elif name == "grid":
+        other = replace(system, grid=replace(system.grid, steps=9))
     with pytest.raises(InputError, match=rf"phase from sample 8 has other .*{name}.*expected the same") as error:
         phases_of([Phase(0, system), Phase(8, other)])
     assert "\n" not in str(error.value)
@@ -218,14 +208,4 @@ def test_a_state_taken_where_a_phase_begins_is_that_of_the_new_phase(
         links={"all": links},
         events=events,
     )
-    world, states = World(scenario), {}
-    for sample in range(20):
-        states[sample] = world.get_state()
-        world.step(4)
-    end = world.get_state()
-    for sample in (9, 10, 11, 14, 15, 16):
-        for resumed in (World(scenario), world):
-            resumed.set_state(states[sample])
-            np.testing.assert_array_equal(resumed.get_state(), states[sample])
-            resumed.step(4 * (20 - sample))
-            np.testing.assert_array_equal(resumed.get_state(), end, err_msg=f"{sample}")
+    require_resumable(scenario, [4 * sample for sample in (9, 10, 11, 14, 15, 16)], 80)

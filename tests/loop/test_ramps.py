@@ -6,44 +6,36 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from mjsheaf import Session, World, check, envs, load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from tests.builders import continued
+from tests.builders import build_scenario, continued, list_members
 from tests.oracles.law import disagreement, harmonic_extension
+from tests.running import rms_error
 
-Array = np.ndarray
 PERIOD = 0.02
 BEGIN, OVER = 0.2, 0.4  # s, of the change in most of these tests
 FIRST, LAST = 10, 30  # its samples
 MOVED = {"formations.ring.radius": 1.5, "formations.ring.angle": 40.0, "formations.ring.centre": [0.5, 0.2, 0.3]}
-EXACT = {"rounds": 60}
+FEEDFORWARD = {"gain": 2.0, "control_period": PERIOD, "feedforward": {"rounds": 3}}
 BACKENDS = ["ideal", pytest.param("physics", marks=pytest.mark.slow)]
 
 
 def ring(events: list[dict[str, Any]], **fields: Any) -> Scenario:
     """Return a ring of drones and boats about a boat that moves, with a change of it."""
-    raw: dict[str, Any] = {
+    agents = {"A1": [3.2, 0, 5], "A2": [0.1, 3, 5.5], "B1": [-3, 0.2], "B2": [0, -3.1]}
+    target = {"position": [0, 0], "motion": {"kind": "waypoints", "points": [[9, 3]], "speed": 0.5}}
+    usual: dict[str, Any] = {
         "time": {"end": 1.0},
         "controller": {"gain": 2.0, "control_period": PERIOD},
-        "agents": [
-            {"id": "A1", "position": [3.2, 0, 5]},
-            {"id": "A2", "position": [0.1, 3, 5.5]},
-            {"id": "B1", "position": [-3, 0.2]},
-            {"id": "B2", "position": [0, -3.1]},
-        ],
-        "targets": [{"id": "T", "position": [0, 0], "motion": {"kind": "waypoints", "points": [[9, 3]], "speed": 0.5}}],
         "communication": [["A1", "A2"], ["A2", "B1"], ["B1", "B2"], ["B2", "A1"]],
-        "sensing": [["A1", "T"], ["B1", "T"]],
         "anchors": [{"agent": "A1", "axes": ["z"], "value": [5]}],
-        "formations": [
-            {"name": "ring", "shape": "polygon", "members": ["A1", "A2", "B1", "B2"], "radius": 3, "angle": 0}
-        ],
+        "formations": [{"name": "ring", "shape": "polygon", "members": [*agents], "radius": 3, "angle": 0}],
         "events": events,
     }
-    return load_scenario({**raw, **fields})
+    return build_scenario(agents, {"T": target}, [["A1", "T"], ["B1", "T"]], **usual | fields)
 
 
 def change(values: dict[str, Any] | None = None, time: float = BEGIN, over: float | None = OVER) -> dict[str, Any]:
@@ -61,10 +53,6 @@ def fields_after(scenario: Scenario, values: dict[str, Any] | None = None) -> Sc
     for path, value in (values or MOVED).items():
         raw["formations"][0][path.rsplit(".", 1)[1]] = value
     return load_scenario(raw)
-
-
-def rms(data: xr.Dataset) -> Array:
-    return np.asarray(np.sqrt((data["tracking_error"].values ** 2).mean(axis=1)))
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -102,10 +90,10 @@ def test_at_once_is_the_run_of_the_new_scenario_from_there(over: float | None) -
 @pytest.mark.usefixtures("in_python")
 def test_with_exact_feedforward_the_error_decays_as_without_a_change() -> None:
     """On ideal kinematics, without flow: the offsets' rate is known and exact, from the first sample of a change on."""
-    law = {"gain": 2.0, "control_period": PERIOD, "feedforward": EXACT}
-    still, moving = (rms(simulate(ring(events, controller=law), "ideal")) for events in ([], [change()]))
+    law = FEEDFORWARD | {"feedforward": {"rounds": 60}}
+    still, moving = (rms_error(simulate(ring(events, controller=law), "ideal")) for events in ([], [change()]))
     np.testing.assert_allclose(moving, still, rtol=0, atol=1e-9)
-    without = rms(simulate(ring([change()]), "ideal"))
+    without = rms_error(simulate(ring([change()]), "ideal"))
     assert without[LAST] > 0.5  # which lags
 
 
@@ -123,7 +111,7 @@ def test_an_event_meanwhile_leaves_the_change_as_it_is(other: dict[str, Any]) ->
         b = (before + share * (after - before))[-len(left) :]
         found = np.concatenate([e.b for e in team.edges_at(k * PERIOD)])
         np.testing.assert_allclose(found, b, rtol=0, atol=1e-14)
-    assert np.isfinite(rms(data)).all()
+    assert np.isfinite(data["tracking_error"]).all()
 
 
 def test_a_change_in_two_halves_gives_the_same_q_star() -> None:
@@ -257,9 +245,9 @@ def test_ranges_and_bearings_follow_their_places(measures: str) -> None:
     wide = [[4, 0.5], [0.4, 2], [-2, 0], [0.5, -3]]
     scenario = ring(
         [change({"formations.ring.displacements": wide})],
-        controller={"gain": 2.0, "control_period": PERIOD, "feedforward": {"rounds": 200}},
-        agents=[{"id": id, "position": place} for id, place in zip(ids, places, strict=True)],
-        targets=[{"id": "T", "position": [0, 0]}],
+        controller=FEEDFORWARD | {"feedforward": {"rounds": 200}},
+        agents=list_members(dict(zip(ids, places, strict=True))),
+        targets=list_members({"T": [0, 0]}),
         communication=edges,
         sensing=[["A", "T"], ["B", "T"]],
         anchors=[],
@@ -270,11 +258,11 @@ def test_ranges_and_bearings_follow_their_places(measures: str) -> None:
         share = np.clip((k - FIRST) / (LAST - FIRST), 0.0, 1.0)
         expected = (1.0 - share) * np.array(places) + share * np.array(wide)
         np.testing.assert_allclose(data["harmonic_extension"].values[k, :, :2], expected, rtol=0, atol=1e-9)
-    error = rms(data)
+    error = rms_error(data)
     assert error[LAST] < 0.02  # the rounds solve for the velocity of q*; without them it lags by 0.5 m
     plain = {"controller": {"gain": 2.0, "control_period": PERIOD}}
     lagging = simulate(load_scenario(scenario.model_dump(mode="json", exclude_none=True) | plain), "ideal")
-    assert rms(lagging)[LAST] > 5 * error[LAST]
+    assert rms_error(lagging)[LAST] > 5 * error[LAST]
 
 
 def test_a_free_team_keeps_its_centroid_while_it_changes() -> None:
@@ -283,7 +271,7 @@ def test_a_free_team_keeps_its_centroid_while_it_changes() -> None:
     data = simulate(load_scenario(raw), "ideal")
     middle = data["harmonic_extension"].values[..., :2].mean(axis=1)
     np.testing.assert_allclose(middle, np.broadcast_to(middle[0], middle.shape), rtol=0, atol=1e-7)
-    assert np.isfinite(rms(data)).all()
+    assert np.isfinite(data["tracking_error"]).all()
     places = data["harmonic_extension"].values
     apart = [np.linalg.norm(places[k, 2, :2] - places[k, 3, :2]) for k in (0, LAST)]
     np.testing.assert_allclose(apart, [3 * np.sqrt(2), 1.5 * np.sqrt(2)], atol=1e-9)
@@ -323,9 +311,8 @@ def test_a_change_may_end_after_the_run(backend: str) -> None:
 @pytest.mark.slow
 def test_a_phase_that_begins_meanwhile_changes_no_bit() -> None:
     """As a live session needs it, which repeats what happened with other events in it."""
-    law = {"gain": 2.0, "control_period": PERIOD, "feedforward": {"rounds": 3}}
     same = [{"time": time, "set": {"controller.gain": 2.0}} for time in (0.26, 0.4, 0.5)]
-    whole, cut = (simulate(ring([change(), *more], controller=law), "ideal") for more in ([], same))
+    whole, cut = (simulate(ring([change(), *more], controller=FEEDFORWARD), "ideal") for more in ([], same))
     for name in ("agent_position", "harmonic_extension", "velocity_command", "tracking_error", "formation_error"):
         np.testing.assert_array_equal(whole[name].values, cut[name].values, err_msg=name)
 
@@ -353,8 +340,7 @@ def test_a_turn_through_one_point_is_refused_for_ranges_and_found_by_check() -> 
 
 @pytest.mark.long
 def test_engines_agree() -> None:
-    law = {"gain": 2.0, "control_period": PERIOD, "feedforward": {"rounds": 3}}
-    scenario = ring([change()], controller=law)
+    scenario = ring([change()], controller=FEEDFORWARD)
     mujoco, fused = (simulate(scenario, engine=engine) for engine in ("mujoco", "fused"))
     for name in ("agent_position", "harmonic_extension", "velocity_command"):
         np.testing.assert_allclose(mujoco[name].values, fused[name].values, rtol=0, atol=1e-9, err_msg=name)

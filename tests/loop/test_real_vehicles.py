@@ -1,42 +1,22 @@
 """Included vehicles as a whole: motion at rest, under velocity commands, heeled, and turned.
 
-Oracles: equilibria that a pencil finds; the mean delay of a linear loop; eigenvalues of the linearised equations of
-motion; symmetries; the sources' own numbers.
+Oracles: equilibria that a pencil finds; the mean delay of a linear loop; symmetries; the sources' own numbers.
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
+from mjsheaf.arrays import Array
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import HandPoint, ThrustVector
-from tests.builders import (
-    BOATS,
-    LAG,
-    MULTIROTORS,
-    POWERED,
-    REAL,
-    alone,
-    altered,
-    ask,
-    attitude,
-    body,
-    make_scenario,
-    place,
-    step_unpowered,
-    yaw_of,
-    yaws,
-)
-from tests.oracles.rigid_body import inertia_about_centre, rigid_mass
+from tests.builders import BOATS, LAG, MULTIROTORS, POWERED, REAL, altered, build_scenario, pursuit, turn, yaws
+from tests.loop.one_vehicle import alone, ask, attitude, body, place, step_unpowered, yaw_of
+from tests.oracles.rigid_body import inertia_about_centre
 from tests.running import run_physics
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 
@@ -239,18 +219,16 @@ def test_the_hand_point_follows_a_target_while_the_hull_turns() -> None:
     """
     rate, radius, gain = 0.125, 8.0, 0.5
     motion = {"kind": "lissajous", "amplitude": [radius] * 2, "rate": [rate] * 2, "phase": [0, -np.pi / 2]}
-    system = make_scenario(
-        {
-            "time": {"end": 120.0},
-            "controller": {"gain": gain, "control_period": 0.05},
-            "agents": [{"id": "A", "position": [0, -9], "vehicle": "otter"}],
-            "targets": [{"id": "T", "position": [0, -8], "motion": motion}],
-            "sensing": [["A", "T"]],
-            "vehicles": {"targets": "hull"},
-            "physics": {"timestep": 0.002},
-        }
-    ).system
-    run = run_physics(system)
+    scenario = pursuit(
+        [0, -9],
+        [0, -8],
+        {"vehicle": "otter"},
+        time={"end": 120.0},
+        controller={"gain": gain, "control_period": 0.05},
+        target_motion=motion,
+        physics={"timestep": 0.002},
+    )
+    run = run_physics(scenario.system)
     late = run.time > 40.0
     apart = np.linalg.norm(run.positions[late, 0] - run.positions[late, 1], axis=1)
     theory = rate * radius / np.hypot(gain, rate)
@@ -262,104 +240,6 @@ def test_the_hand_point_follows_a_target_while_the_hull_turns() -> None:
 
 
 # -- on the water ------------------------------------------------------------------------------------------------------
-
-
-def linear_motion(name: str) -> Array:
-    """A of x' = A x, shape (12, 12): x = [q; q'], (M_RB + M_A) q'' + D q' + G q = 0 for q along and about the axes."""
-    vehicle = load_vehicle(name)
-    floats = vehicle.description.hydrostatics
-    assert floats is not None
-    M = rigid_mass(vehicle) + np.diag(vehicle.added_mass)
-    D = np.diag([*vehicle.drag, *vehicle.angular_drag])
-    G = np.diag([0, 0, floats.heave, floats.roll, floats.pitch, 0])
-    if floats.centre:
-        G[5, 3] = (
-            vehicle.mass * GRAVITY * (vehicle.centre_of_mass[0] - floats.centre[0])
-        )  # heeled, weight and buoyancy at unlike x turn it
-    return np.block([[np.zeros((6, 6)), np.eye(6)], [-np.linalg.solve(M, G), -np.linalg.solve(M, D)]])
-
-
-def crossings(values: Array, timestep: float) -> Array:
-    """Times at which a record changes its sign."""
-    k = np.flatnonzero(np.diff(np.sign(values)))
-    return np.asarray(timestep * (k + values[k] / (values[k] - values[k + 1])))
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("engine")
-@pytest.mark.parametrize("mode", [2, 3, 4], ids=["heave", "roll", "pitch"])
-@pytest.mark.parametrize("name", BOATS)
-def test_a_boat_comes_back_at_the_period_of_its_restoring_and_inertia(name: str, mode: int) -> None:
-    """Heeled 10 degrees, pitched 3 or lifted 5 cm, unpowered: crossings of the level, as of linear equations.
-
-    Where damping leaves one mode alone, twice the time between crossings is its period, an eigenvalue's 2 pi / Im.
-    """
-    timestep, count = 0.002, 2_000
-    world = alone(name, timestep=timestep)
-    _, qpos, _, _ = body(world)
-    world.step(10_000)
-    rest = attitude(world)
-    start = {2: 0.05, 3: np.deg2rad(10), 4: np.deg2rad(3)}[mode]
-    if mode == 2:
-        world.data.qpos[qpos][2] += start
-    else:
-        place(world, rest @ Rotation.from_euler("xyz"[mode - 3], start).as_matrix())
-    A, x = linear_motion(name), np.zeros((count + 1, 12))
-    x[0, mode], seen = start, np.zeros(count + 1)
-    advance = expm(timestep * A)
-    for k in range(count + 1):
-        R = rest.T @ attitude(world)
-        seen[k] = (world.heights()[0], R[2, 1], R[0, 2])[mode - 2]
-        if k < count:
-            x[k + 1] = advance @ x[k]
-            step_unpowered(world, 1)
-    found, theory = crossings(seen, timestep)[:3], crossings(x[:, mode], timestep)[:3]
-    w = np.linalg.eigvals(A)
-    periods = np.sort(2 * np.pi / w.imag[w.imag > 1e-3])
-    np.testing.assert_allclose(found[:2], theory[:2], rtol=0.03)
-    np.testing.assert_allclose(found[1] - found[0], theory[1] - theory[0], rtol=0.03)
-    if name == "wamv":
-        assert np.abs(periods / (2 * (found[2] - found[1])) - 1).min() < 0.03
-    assert np.abs(seen[-200:]).max() < 0.5 * start
-
-
-# -- symmetry ----------------------------------------------------------------------------------------------------------
-
-
-def turned_team(angle: float) -> World:
-    """One of each vehicle, after a moving target each, in a drift and a vortex; all of it turned about z by degrees."""
-    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
-
-    def place(x: float, y: float, *z: float) -> list[float]:
-        return [c * x - s * y, s * x + c * y, *z]
-
-    agents, targets, sensing = [], [], []
-    for k, name in enumerate(REAL):
-        z = [4.0 + k] if name in MULTIROTORS else []
-        agents.append({"id": name, "position": place(3.0 * k, 1.0, *z), "vehicle": name, "heading": 20 * k + angle})
-        goal, way = place(3.0 * k + 2, 4.0, *z), place(3.0 * k + 6, 7.0, *z)
-        motion = {"kind": "waypoints", "points": [way], "speed": 1.0}
-        targets.append({"id": f"T{k}", "position": goal, "motion": motion, "heading": 10 * k + angle})
-        sensing.append([name, f"T{k}"])
-    vortex = {"centre": place(5, 0, 0), "axis": [0, 0, 1], "gamma": 2.0}
-    flow = {"dimension": 3, "core": 1.0, "drift": place(0.3, -0.2, 0.1), "vortices": [vortex]}
-    fields: dict[str, Any] = {"agents": agents, "targets": targets, "sensing": sensing, "flow": {"agents": flow}}
-    return World(make_scenario({**fields, "controller": {"gain": 0.8}}))
-
-
-@pytest.mark.parametrize("angle", [90.0, 137.0])
-def test_turning_the_world_turns_the_trajectory(angle: float) -> None:
-    plain, turned = turned_team(0.0), turned_team(angle)
-    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
-    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    start = plain.positions()
-    for _ in range(8):
-        plain.step(500)
-        turned.step(500)
-        np.testing.assert_allclose(turned.positions(), plain.positions() @ R.T, atol=1e-9)
-        np.testing.assert_allclose(turned.data.ctrl, plain.data.ctrl, atol=1e-5 * np.abs(plain.data.ctrl).max())
-    moved = np.linalg.norm(plain.positions() - start, axis=1)
-    assert moved.min() > 1.0
 
 
 @pytest.mark.slow
@@ -374,3 +254,39 @@ def test_a_heeled_boat_returns_while_it_is_controlled(name: str) -> None:
     R = attitude(world)
     assert abs(R[2, 1]) < 1e-4
     assert R[2, 0] == pytest.approx(rest[2, 0], abs=1e-4)
+
+
+# -- symmetry ----------------------------------------------------------------------------------------------------------
+
+
+def turned_team(angle: float) -> World:
+    """One of each vehicle, after a moving target each, in a drift and a vortex; all of it turned about z by degrees."""
+
+    def place(x: float, y: float, *z: float) -> list[float]:
+        return [*(turn(np.deg2rad(angle)) @ [x, y]).tolist(), *z]
+
+    agents, targets = {}, {}
+    for k, name in enumerate(REAL):
+        z = [4.0 + k] if name in MULTIROTORS else []
+        agents[name] = {"position": place(3.0 * k, 1.0, *z), "vehicle": name, "heading": 20 * k + angle}
+        goal, way = place(3.0 * k + 2, 4.0, *z), place(3.0 * k + 6, 7.0, *z)
+        motion = {"kind": "waypoints", "points": [way], "speed": 1.0}
+        targets[f"T{k}"] = {"position": goal, "motion": motion, "heading": 10 * k + angle}
+    vortex = {"centre": place(5, 0, 0), "axis": [0, 0, 1], "gamma": 2.0}
+    flow = {"dimension": 3, "core": 1.0, "drift": place(0.3, -0.2, 0.1), "vortices": [vortex]}
+    sensing = zip(agents, targets, strict=True)
+    return World(build_scenario(agents, targets, sensing, flow={"agents": flow}, controller={"gain": 0.8}))
+
+
+@pytest.mark.parametrize("angle", [90.0, 137.0])
+def test_turning_the_world_turns_the_trajectory(angle: float) -> None:
+    plain, turned = turned_team(0.0), turned_team(angle)
+    R = Rotation.from_euler("z", angle, degrees=True).as_matrix()
+    start = plain.positions()
+    for _ in range(8):
+        plain.step(500)
+        turned.step(500)
+        np.testing.assert_allclose(turned.positions(), plain.positions() @ R.T, atol=1e-9)
+        np.testing.assert_allclose(turned.data.ctrl, plain.data.ctrl, atol=1e-5 * np.abs(plain.data.ctrl).max())
+    moved = np.linalg.norm(plain.positions() - start, axis=1)
+    assert moved.min() > 1.0

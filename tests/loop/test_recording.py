@@ -1,22 +1,22 @@
 """Data recorded in the compiled loop on bodies equal those of a world that is stepped from Python."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 
-from mjsheaf import Session, World, load_scenario, simulate, simulate_many
+from mjsheaf import Session, World, simulate, simulate_many
+from mjsheaf.arrays import Array
 from mjsheaf.live.live import Recorder
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.loop import ClosedLoop
 from mjsheaf.loop.system import System
 from mjsheaf.results.dataset import make_datasets
-from tests.builders import mixed_scenario
+from mjsheaf.scenario import Scenario
+from tests.builders import build_scenario, mixed_scenario
 from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
-
-Array = NDArray[np.float64]
 
 RECORDED = (
     *("positions", "origin", "velocity", "command", "residual"),
@@ -101,26 +101,21 @@ def test_progress_ends_at_the_last_sample_and_may_stop_the_run(monkeypatch: pyte
         run_physics(system, stop)
 
 
-TWO_PLACES: dict[str, Any] = {
-    "time": {"end": 2.0},
-    "controller": {"gain": 0.2, "control_period": 0.02},
-    "agents": [{"id": "A", "position": [0, 0]}, {"id": "B", "position": [3, -2]}],
-    "targets": [
-        {"id": "T", "position": [0, 0], "motion": {"kind": "fixed"}},
-        {
-            "id": "S",
-            "position": [6, 0.5],
-            "motion": {"kind": "lissajous", "amplitude": [1, 8], "rate": [0.5, 1.5]},
-        },
-    ],
-    "communication": [["A", "B"]],
-    "sensing": [
-        ["A", "T"],
-        *({"between": ["B", target], "measures": "range", "offset": [4.0]} for target in ("T", "S")),
-    ],
-    "events": [{"time": 0.1, "cut": ["A", "B"]}],
-}
-"""B keeps two distances, which two places do; the line between the targets sweeps over it."""
+RANGES = [{"between": ["B", target], "measures": "range", "offset": [4.0]} for target in ("T", "S")]
+
+
+def two_places(ranges: Sequence[Any] = RANGES) -> Scenario:
+    """B keeps two distances, which two places do; the line between the targets sweeps over it."""
+    swinging = {"kind": "lissajous", "amplitude": [1, 8], "rate": [0.5, 1.5]}
+    return build_scenario(
+        {"A": [0, 0], "B": [3, -2]},
+        {"T": {"position": [0, 0], "motion": {"kind": "fixed"}}, "S": {"position": [6, 0.5], "motion": swinging}},
+        [["A", "T"], *ranges],
+        communication=[["A", "B"]],
+        time={"end": 2.0},
+        controller={"gain": 0.2, "control_period": 0.02},
+        events=[{"time": 0.1, "cut": ["A", "B"]}],
+    )
 
 
 @pytest.mark.slow
@@ -129,8 +124,7 @@ TWO_PLACES: dict[str, Any] = {
 def test_the_harmonic_extension_does_not_depend_on_the_pieces(kind: tuple[str, str], free: bool) -> None:
     """Random pieces of a run, one after the other, have the q* of the whole; so has a run among many."""
     backend, engine = kind
-    fields = {**TWO_PLACES, "sensing": TWO_PLACES["sensing"][:2]} if free else TWO_PLACES
-    scenario = load_scenario(fields)
+    scenario = two_places(RANGES[:1] if free else RANGES)
     options: dict[str, Any] = {"engine": engine, "allow_drift": True, "progress": False}
     whole = simulate(scenario, backend, threads=1, **options)
     (alone,) = simulate_many([scenario], backend, **options)
@@ -146,8 +140,7 @@ def test_the_harmonic_extension_does_not_depend_on_the_pieces(kind: tuple[str, s
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_the_harmonic_extension_of_a_live_session_is_that_of_the_run(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    scenario = load_scenario(TWO_PLACES)
+    rng, scenario = np.random.default_rng(seed), two_places()
     whole = simulate(scenario, "ideal", progress=False)
     chunks = []
     with Session(scenario, "ideal") as session:

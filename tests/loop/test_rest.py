@@ -3,6 +3,7 @@
 Oracles: the equilibrium of a spring, m omega^2 d = m g; the same run without a surface, bit for bit above it.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,35 +13,35 @@ import xarray as xr
 
 from mjsheaf import simulate
 from mjsheaf.runs.diagnostics import notes_of_run
-from mjsheaf.vehicles.loading import list_vehicles
-from tests.builders import make_scenario
+from mjsheaf.scenario import Scenario
+from tests.builders import altered, build_scenario, setting
 
-SPARE = {"id": "C", "position": [0, 30, 12], "vehicle": "aerial"}
+SPARE = {"position": [0, 30, 12], "vehicle": "aerial"}
 DEPTH = {"ground": 9.81 / 50.0**2, "water": 9.81 / 10.0**2}
 
 
-def scenario(surface: str, **fields: Any) -> dict[str, Any]:
-    """Three aircraft over a surface 2 m high; two are lost while the law pushes them sideways."""
-    whole: dict[str, Any] = {
+PAIR = {
+    "A": {"position": [0, 0, 8], "vehicle": "hexarotor"},
+    "B": {"position": [9, 0, 6], "vehicle": "hexarotor", "heading": 40},
+}
+
+
+def scenario(surface: str, pair: Any = PAIR, target: Sequence[float] = (0, 4, 9), **fields: Any) -> Scenario:
+    """Aircraft over a surface 2 m high; all but one are lost while the law pushes them sideways."""
+    usual: dict[str, Any] = {
         "time": {"end": 5.0},
         "controller": {"gain": 0.5, "control_period": 0.02},
-        "agents": [
-            {"id": "A", "position": [0, 0, 8], "vehicle": "hexarotor"},
-            {"id": "B", "position": [9, 0, 6], "vehicle": "hexarotor", "heading": 40},
-            SPARE,
-        ],
-        "targets": [{"id": "T", "position": [0, 4, 9]}],
-        "sensing": [["A", "T"], ["B", "T"], ["C", "T"]],
-        "events": [{"time": 1.0, "lose": "A"}, {"time": 1.0, "lose": "B"}],
+        "events": [{"time": 1.0, "lose": id} for id in pair],
         "flow": {"air": {"dimension": 3, "drift": [1.0, 0.5, 0.0]}},
         "physics": {"timestep": 0.002},
         "scene": {"surface": surface, "height": 2.0},
     }
-    return whole | fields
+    agents = {**pair, "C": SPARE}
+    return build_scenario(agents, {"T": list(target)}, [[id, "T"] for id in agents], **usual | fields)
 
 
-def run(surface: str, engine: str, **fields: Any) -> xr.Dataset:
-    return simulate(make_scenario(scenario(surface, **fields)), engine=engine, threads=1, allow_drift=True)
+def run(surface: str, engine: str, *members: Any, **fields: Any) -> xr.Dataset:
+    return simulate(scenario(surface, *members, **fields), engine=engine, threads=1, allow_drift=True)
 
 
 @pytest.mark.parametrize("surface", ["ground", "water"])
@@ -71,14 +72,10 @@ def test_nothing_changes_above_the_surface(engine: str) -> None:
 
 @pytest.mark.parametrize("engine", ["mujoco", "fused"])
 def test_what_is_lost_below_comes_up_slowly_and_what_flies_there_is_not_touched(engine: str) -> None:
-    fields: dict[str, Any] = {"agents": [{"id": "A", "position": [0, 0, -20], "vehicle": "aerial"}, SPARE]}
-    fields["sensing"] = [["A", "T"], ["C", "T"]]
-    flying = fields | {"events": [], "targets": [{"id": "T", "position": [0, 4, -20]}]}
-    np.testing.assert_array_equal(
-        run("water", engine, **flying).agent_position, run("none", engine, **flying).agent_position
-    )
-    lost = {"events": [{"time": 1.0, "lose": "A"}], "targets": [{"id": "T", "position": [0, 0, -20]}]}
-    height = run("water", engine, **(fields | lost)).agent_height.values[:, 0]
+    diver = {"A": {"position": [0, 0, -20], "vehicle": "aerial"}}
+    wet, dry = (run(surface, engine, diver, (0, 4, -20), events=[]) for surface in ("water", "none"))
+    np.testing.assert_array_equal(wet.agent_position, dry.agent_position)
+    height = run("water", engine, diver, (0, 0, -20)).agent_height.values[:, 0]
     assert height[-1] > -20.0 + 1.0
     assert np.diff(height).max() / 0.02 <= 1.0  # (3 - 1) g / (2 omega), less drag
 
@@ -90,31 +87,18 @@ def test_a_coarse_step_is_stable() -> None:
 
 
 def test_only_what_flies_below_the_surface_is_noted() -> None:
-    of = make_scenario(scenario("ground"))
-    result = simulate(of, engine="fused", allow_drift=True)
-    assert "submerged" not in [note.kind for note in notes_of_run(of.phases, result, None, [], None, [])]
-    dive = make_scenario(scenario("ground", events=[], targets=[{"id": "T", "position": [0, 4, -9]}]))
-    result = simulate(dive, engine="fused")
-    notes = [note for note in notes_of_run(dive.phases, result, None, [], None, []) if note.kind == "submerged"]
-    assert len(notes) == 1
-    assert "in the ground" in notes[0].text
+    for of, said in ((scenario("ground"), 0), (scenario("ground", target=(0, 4, -9), events=[]), 1)):
+        result = simulate(of, engine="fused", allow_drift=True)
+        notes = [note for note in notes_of_run(of.phases, result, None, [], None, []) if note.kind == "submerged"]
+        assert len(notes) == said
+        assert all("in the ground" in note.text for note in notes)
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "fused"])
 def test_an_underwater_vehicle_that_is_a_little_heavy_sinks(engine: str, tmp_path: Path) -> None:
     """Water carries most of its weight: it is no aircraft, and does not come up when it is lost."""
-    for suffix in (".xml", ".yaml"):
-        text = list_vehicles()["submersible"].with_suffix(suffix).read_text()
-        (tmp_path / f"heavy{suffix}").write_text(
-            text.replace('gravcomp="1"', 'gravcomp=".98"').replace("submersible.xml", "heavy.xml")
-        )
-    diver = {"id": "A", "position": [0, 0, -20], "vehicle": str(tmp_path / "heavy.yaml")}
-    fields: dict[str, Any] = {
-        "agents": [diver, SPARE],
-        "targets": [{"id": "T", "position": [0, 0, -20]}],
-        "sensing": [["A", "T"], ["C", "T"]],
-        "events": [{"time": 1.0, "lose": "A"}],
-    }
-    sunk, free = (run(surface, engine, **fields).agent_height.values[:, 0] for surface in ("water", "none"))
+    heavy = altered(tmp_path, "submersible", setting(".//body", gravcomp=".98"))
+    diver = {"A": {"position": [0, 0, -20], "vehicle": heavy}}
+    sunk, free = (run(surface, engine, diver, (0, 0, -20)).agent_height.values[:, 0] for surface in ("water", "none"))
     np.testing.assert_array_equal(sunk, free)
     assert sunk[-1] < -20.03

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from mjsheaf import simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.loop import STOPPED
@@ -22,10 +22,9 @@ from mjsheaf.vehicles.actuators import AzimuthThruster, RudderThruster, aim, flo
 from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import Edit, alone, altered, ask, body, make_scenario, setting, yaw_of
+from tests.builders import Edit, altered, build_scenario, setting
+from tests.loop.one_vehicle import alone, ask, body, yaw_of
 from tests.loop.test_one_sided import errors, make_run
-
-Array = NDArray[np.float64]
 
 NAME = "otter_rudder"
 LIMIT, RATE, DENSITY = np.deg2rad(35.0), np.deg2rad(40.0), 1025.0
@@ -238,24 +237,18 @@ def test_a_lost_boat_leaves_its_rudder_where_it_is() -> None:
     assert world.data.act[own][0] < 1e-3 * MOST
 
 
-def scenario_of(count: int, end: float = 6.0) -> Any:
-    return make_scenario(
-        {
-            "time": {"end": end},
-            "agents": [
-                {"id": f"A{k}", "position": [0, 9 * k], "vehicle": NAME, "heading": 70 * k} for k in range(count)
-            ],
-            "targets": [{"id": "T", "position": [15.0, 20.0]}],
-            "sensing": [[f"A{k}", "T"] for k in range(count)],
-            "flow": {"agents": {"dimension": 2, "drift": [0.2, -0.1]}},
-            "controller": {"gain": 0.2},
-            "physics": {"timestep": 0.01},
-        }
-    )
-
-
 def test_engines_agree_and_the_deflection_is_recorded_in_rad() -> None:
-    runs = [simulate(scenario_of(3), engine=name) for name in ("fused", "mujoco")]
+    agents = {f"A{k}": {"position": [0, 9 * k], "vehicle": NAME, "heading": 70 * k} for k in range(3)}
+    scenario = build_scenario(
+        agents,
+        {"T": [15.0, 20.0]},
+        [[id, "T"] for id in agents],
+        time={"end": 6.0},
+        flow={"agents": {"dimension": 2, "drift": [0.2, -0.1]}},
+        controller={"gain": 0.2},
+        physics={"timestep": 0.01},
+    )
+    runs = [simulate(scenario, engine=name) for name in ("fused", "mujoco")]
     for name in ("agent_position", "command", "agent_thrust"):
         np.testing.assert_allclose(runs[0][name].values, runs[1][name].values, rtol=0, atol=1e-8)
     data = runs[0]

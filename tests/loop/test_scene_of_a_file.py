@@ -1,6 +1,5 @@
 """What a vehicle's MJCF has of a scene is left out, and what cannot move with it is refused, as it is loaded."""
 
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -37,21 +36,6 @@ MOCAP = ("worldbody", '<body name="goal" mocap="true"><geom size=".1" mass="0"/>
 def test_a_list_says_what_is_left_out(tmp_path: Path) -> None:
     shown = " ".join(answer_of("list", "--vehicles", altered(tmp_path, "x500", adding(*SCENE))).out.split())
     assert "plane 'floor', height field 'hills', a light, camera 'top'" in shown
-
-
-@pytest.mark.parametrize(
-    "ask",
-    [
-        lambda path: load_vehicle(path),
-        lambda path: check(one(path), trial=False),
-        lambda path: simulate(one(path), engine="fused"),
-        lambda path: simulate(one(path), engine="mujoco"),
-    ],
-    ids=["load", "check", "fused", "mujoco"],
-)
-def test_a_mocap_body_is_refused_with_its_name_everywhere(ask: Callable[[str], object], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"x500\.xml: body 'goal' has mocap"):
-        ask(altered(tmp_path, "x500", adding(MOCAP)))
 
 
 def one(vehicle: str) -> Scenario:
@@ -127,6 +111,7 @@ DAMPED = adding(  # from a default class, as in some published files
         (two_vehicles, r"x500\.xml: body 'body' and body 'ball' have free joints; expected one"),
         (away_from_others, r"x500\.xml: body 'body' is neither at the origin nor alone in <worldbody>"),
         (DAMPED, r"x500\.xml: joint 'root': damping is 1 0 0, which is not modelled; expected 0 0 0"),
+        (adding(MOCAP), r"x500\.xml: body 'goal' has mocap"),
         (
             adding(("", '<option gravity="1 0 -9.81"/>')),
             r"x500\.xml: option: gravity is 1 0 -9\.81; expected one along z",

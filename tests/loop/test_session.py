@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from mjsheaf import Session, World, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, NotUniqueError, UnstableError
 from mjsheaf.law.in_python import Sample
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario, refused
 
-Array = NDArray[np.float64]
 ENGINES: dict[str, dict[str, Any]] = {
     "ideal": {"backend": "ideal"},
     "mujoco": {},

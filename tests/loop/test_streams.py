@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf import simulate
-from tests.builders import make_scenario
+from tests.builders import make_fields, make_scenario
 
 ENGINES = ("ideal", "mujoco", "fused")
 PLACES = {"A": [0, 0, 5], "B": [9, -4], "C": [-8, 3, 9], "D": [4, 12]}
@@ -24,22 +24,17 @@ Fields = dict[str, Any]
 
 def team(names: str) -> Fields:
     """Some of four pairs of an agent and its target, in this order, with everything random."""
-    return {
-        "time": {"end": 0.4},
-        "controller": {
-            "gain": 0.6,
-            "control_period": 0.02,
-            "drift": {"filter": 0.2},
-            "odometry": {"noise": 0.02},
-        },
-        "links": {"all": {"noise": 0.1, "loss": 0.2, "hold": 0.1}},
-        "spread": {"position": 2.0, "heading": 30.0},
-        "disturbance": {"agents": {"bound": 0.4, "components": 4}, "targets": {"bound": 0.3, "components": 5}},
-        "physics": {"timestep": 0.01},
-        "agents": [{"id": name, "position": PLACES[name]} for name in names],
-        "targets": [{"id": f"T{name}", "position": [x + 2.0 for x in PLACES[name]]} for name in names],
-        "sensing": [[name, f"T{name}"] for name in names],
-    }
+    return make_fields(
+        {name: PLACES[name] for name in names},
+        {f"T{name}": [x + 2.0 for x in PLACES[name]] for name in names},
+        [[name, f"T{name}"] for name in names],
+        time={"end": 0.4},
+        controller={"gain": 0.6, "control_period": 0.02, "drift": {"filter": 0.2}, "odometry": {"noise": 0.02}},
+        links={"all": {"noise": 0.1, "loss": 0.2, "hold": 0.1}},
+        spread={"position": 2.0, "heading": 30.0},
+        disturbance={"agents": {"bound": 0.4, "components": 4}, "targets": {"bound": 0.3, "components": 5}},
+        physics={"timestep": 0.01},
+    )
 
 
 def run(fields: Fields, engine: str) -> xr.Dataset:
@@ -73,13 +68,11 @@ def test_a_vehicle_s_run_depends_on_no_other_vehicle(engine: str) -> None:
         other = run(changed(fields), engine)
         for name in names:
             for variable in (name for name, values in usual.items() if {"time", "agent"} <= {*values.dims}):
-                np.testing.assert_array_equal(
-                    other[variable].sel(agent=name), usual[variable].sel(agent=name), err_msg=f"{change}: {name}"
-                )
+                found, expected = (run[variable].sel(agent=name) for run in (other, usual))
+                np.testing.assert_array_equal(found, expected, err_msg=f"{change}: {name}")
             if change != "rename others":
-                np.testing.assert_array_equal(
-                    other.target_position.sel(target=f"T{name}"), usual.target_position.sel(target=f"T{name}")
-                )
+                found, expected = (run.target_position.sel(target=f"T{name}") for run in (other, usual))
+                np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -107,13 +100,11 @@ def test_what_is_drawn_belongs_to_an_id(order: list[str], count: int, seed: int)
     whole = make_scenario({**team("ABCD"), "seed": seed}).system
     some = make_scenario({**team("".join(order[:count])), "seed": seed}).system
     for k, name in enumerate(order[:count]):
-        of_whole, of_some = whole.team.index[name], some.team.index[name]
-        np.testing.assert_array_equal(some.initial[of_some], whole.initial[of_whole])
-        np.testing.assert_array_equal(some.bodies.heading[of_some], whole.bodies.heading[of_whole])
-        np.testing.assert_array_equal(some.harmonics[of_some], whole.harmonics[of_whole])
-        np.testing.assert_array_equal(
-            some.harmonics[some.team.index[f"T{name}"]], whole.harmonics[whole.team.index[f"T{name}"]]
-        )
+        for id in (name, f"T{name}"):
+            of_whole, of_some = whole.team.index[id], some.team.index[id]
+            np.testing.assert_array_equal(some.initial[of_some], whole.initial[of_whole])
+            np.testing.assert_array_equal(some.bodies.heading[of_some], whole.bodies.heading[of_whole])
+            np.testing.assert_array_equal(some.harmonics[of_some], whole.harmonics[of_whole])
         np.testing.assert_array_equal(some.law.terms.streams[k], whole.law.terms.streams["ABCD".index(name)])
     assert len(np.unique(whole.harmonics[:, 0], axis=0)) == 8
 

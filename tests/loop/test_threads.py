@@ -14,7 +14,7 @@ from mjsheaf.loop.engine import Engine
 from mjsheaf.loop.fused import Fused, _advance_part
 from mjsheaf.loop.session import ENGINES, Session, prepare_run
 from mjsheaf.scenario import Scenario
-from tests.builders import bits, make_scenario, mixed_scenario
+from tests.builders import bits, build_scenario, mixed_scenario
 
 SWARM = {"swarm.size": 60, "time.end": 1.0}
 
@@ -80,12 +80,10 @@ def test_the_fused_engine_may_take_all_processors(monkeypatch: pytest.MonkeyPatc
 
 def unstable() -> Scenario:
     """Hulls with a gain that is too high: commands diverge at different samples."""
-    hulls = [{"id": f"A{k}", "position": [0.1 * 9.0 ** -(k % 5), float(k)]} for k in range(20)]
+    hulls = {f"A{k}": [0.1 * 9.0 ** -(k % 5), float(k)] for k in range(20)}
+    targets = {f"T{k}": [0.0, float(k)] for k in range(20)}
     wild = {"gain": 1e3, "control_period": 0.01}
-    targets = [{"id": f"T{k}", "position": [0.0, float(k)]} for k in range(20)]
-    sensing = [[f"A{k}", f"T{k}"] for k in range(20)]
-    fields = {"agents": hulls, "targets": targets, "sensing": sensing, "controller": wild, "time": {"end": 2.0}}
-    return make_scenario(fields)
+    return build_scenario(hulls, targets, zip(hulls, targets, strict=True), controller=wild, time={"end": 2.0})
 
 
 def test_runs_that_blow_up_are_the_same_on_any_number_of_threads() -> None:

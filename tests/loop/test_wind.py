@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import fsolve
 
-from mjsheaf import check, load_scenario, simulate
+from mjsheaf import check, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.checking.trial import _limited
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet, wind_wrench
@@ -20,9 +20,7 @@ from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.effects import hold_station
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import AIR_DENSITY, Vehicle
-from tests.builders import altered
-
-Array = NDArray[np.float64]
+from tests.builders import altered, build_scenario, turn
 
 HULLS = ["wamv", "otter", "buoy"]
 BOATS = HULLS[:2]
@@ -50,11 +48,6 @@ def fossen(vehicle: Vehicle, air: Array) -> tuple[float, float, float]:
     return X, -Y, -q * cn * np.sin(2.0 * gamma) * lateral * length
 
 
-def turned(angle: float, w: Array) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * w[0] - s * w[1], s * w[0] + c * w[1]])
-
-
 def steady_drift(vehicle: Vehicle, wind: Array, current: Array, velocity: Array, heading: float) -> Array:
     """Solve for the velocity over ground (2,), m/s, and heading, rad, at which forces on a hull balance, from a guess.
 
@@ -65,8 +58,8 @@ def steady_drift(vehicle: Vehicle, wind: Array, current: Array, velocity: Array,
     couple = vehicle.weight * (floats.centre[0] - vehicle.centre_of_mass[0]) if floats.centre else 0.0
 
     def unbalanced(z: Array) -> list[float]:
-        water = turned(-z[2], z[:2] - current)
-        X, Y, N = fossen(vehicle, turned(-z[2], wind - z[:2]))
+        water = turn(-z[2]) @ (z[:2] - current)
+        X, Y, N = fossen(vehicle, turn(-z[2]) @ (wind - z[:2]))
         heel = -vehicle.windage[3] * Y / floats.roll  # which turns the couple of weight and buoyancy about z
         turning = N - (A[1] - A[0]) * water[0] * water[1] + couple * heel
         round_hull = vehicle.windage[2] == 0.0
@@ -83,28 +76,23 @@ def steady_drift(vehicle: Vehicle, wind: Array, current: Array, velocity: Array,
 
 def scenario(vehicle: str, wind: Any, current: Any = (0.0, 0.0), headings: Any = HEADINGS, **fields: Any) -> Scenario:
     """Hulls far from one another, each with its own target, in wind and current; None for no wind."""
-    count = len(headings)
-    places = [[1000.0 * k, 0.0] for k in range(count)]
-    flow = {"water": {"dimension": 2, "drift": list(current)}}
-    flow |= {} if wind is None else {"air": {"dimension": 2, "drift": list(wind)}}
     buoys = vehicle == "buoy"
-    hulls: list[dict[str, Any]] = [
-        {"position": p, "vehicle": vehicle, "heading": float(h)} for p, h in zip(places, headings, strict=True)
-    ]
-    others: list[dict[str, Any]] = [{"position": [x + 3.0, 0.0], "vehicle": "hull"} for x, _ in places]
+    own: dict[str, Any] = {"vehicle": "hull"} | ({} if buoys else {"motion": {"kind": "fixed"}})
+    hulls = [{"position": [1000.0 * k, 0.0], "heading": float(h), "vehicle": vehicle} for k, h in enumerate(headings)]
+    others = [{"position": [1000.0 * k + 3.0, 0.0], **own} for k in range(len(hulls))]
     agents, targets = (others, hulls) if buoys else (hulls, others)
-    motion: dict[str, Any] = {} if buoys else {"motion": {"kind": "fixed"}}
-    return load_scenario(
-        {
-            "time": {"end": 150},
-            "controller": {"gain": 0.3, "control_period": 0.1},
-            "agents": [{"id": f"A{k}", **a} for k, a in enumerate(agents)],
-            "targets": [{"id": f"T{k}", **motion, **t} for k, t in enumerate(targets)],
-            "sensing": [[f"A{k}", f"T{k}"] for k in range(count)],
-            "flow": flow,
-            "physics": {"timestep": 0.01},
-            **fields,
-        }
+    usual: dict[str, Any] = {
+        "time": {"end": 150},
+        "controller": {"gain": 0.3, "control_period": 0.1},
+        "flow": {"water": {"dimension": 2, "drift": list(current)}},
+        "physics": {"timestep": 0.01},
+    }
+    usual["flow"] |= {} if wind is None else {"air": {"dimension": 2, "drift": list(wind)}}
+    return build_scenario(
+        {f"A{k}": agent for k, agent in enumerate(agents)},
+        {f"T{k}": target for k, target in enumerate(targets)},
+        [[f"A{k}", f"T{k}"] for k in range(len(hulls))],
+        **usual | fields,
     )
 
 
@@ -124,7 +112,7 @@ def drifted(given: Scenario, engine: str) -> tuple[Array, Array]:
 @pytest.mark.parametrize("at", [pytest.param(range(12), marks=pytest.mark.long), (1, 5)], ids=["every", "two"])
 def test_drift_without_thrust_is_the_balance_of_forces(at: Sequence[int], hull: str, engine: str) -> None:
     """From these headings, in a current."""
-    wind = SPEED * turned(0.3, np.array([1.0, 0.0]))
+    wind = SPEED * turn(0.3)[:, 0]
     headings = np.degrees(0.3) + HEADINGS[list(at)]
     velocities, ends = drifted(scenario(hull, wind, CURRENT, headings), engine)
     vehicle = load_vehicle(hull)
@@ -184,17 +172,6 @@ def test_without_windage_or_wind_no_bit_changes(engine: str, tmp_path: Path) -> 
     np.testing.assert_array_equal(places(none, [6.0, 2.0]), plain)
     np.testing.assert_array_equal(places(zero, [6.0, 2.0]), plain)
     assert np.nanmax(np.abs(places("otter", [6.0, 2.0]) - plain)) > 0.1
-
-
-@pytest.mark.long
-def test_gusts_of_the_air_shake_hulls_as_the_seed_has_them() -> None:
-    gusts = {"kind": "dryden", "wind_speed": 12.0, "altitude": 4.0}
-    flow = {"air": {"dimension": 2, "drift": [6.0, 2.0], "gusts": gusts}}
-    given = scenario("otter", None, headings=[20.0], time={"end": 20}, flow=flow)
-    one, same = (simulate(given, engine=engine)["agent_position"].values for engine in ENGINES)
-    np.testing.assert_allclose(one, same, atol=1e-9)
-    other = simulate(given.with_seed(1), engine="fused")["agent_position"].values
-    assert np.nanmax(np.abs(one - other)) > 0.01
 
 
 # -- the wind that a boat can hold ---------------------------------------------------------------------------------
@@ -353,10 +330,15 @@ def test_the_length_is_the_size_unless_given(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_neighbours_in_lanes_meet_the_wind_that_they_meet_alone() -> None:
-    gusts = {"kind": "dryden", "wind_speed": 12.0, "altitude": 4.0}
-    air = {"dimension": 3, "drift": [6.0, 2.0, 0.0], "gusts": gusts}
-    for flow in ({"air": {**air, "gusts": None}}, {"air": air}):
-        given = scenario("wamv", None, time={"end": 10}, flow=flow)
+@pytest.mark.parametrize("boat", BOATS)
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_neighbours_in_lanes_meet_the_wind_that_they_meet_alone(dimension: int, boat: str) -> None:
+    """Steady, or in gusts that the seed decides."""
+    air: dict[str, Any] = {"dimension": dimension, "drift": [6.0, 2.0, 0.0][:dimension]}
+    gusty = {**air, "gusts": {"kind": "dryden", "wind_speed": 12.0, "altitude": 4.0}}
+    for flow in ({"air": air}, {"air": gusty}):
+        given = scenario(boat, None, time={"end": 10}, flow=flow)
         together, apart = (simulate(given, engine=engine)["agent_position"].values for engine in ENGINES)
         np.testing.assert_allclose(together, apart, atol=1e-9)
+    other = simulate(given.with_seed(1), engine="fused")["agent_position"].values
+    assert np.nanmax(np.abs(together - other)) > 0.01

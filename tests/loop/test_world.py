@@ -10,16 +10,14 @@ import mujoco
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import make_scenario, mixed_scenario, pursuit, refused
+from tests.builders import build_scenario, mixed_scenario, pursuit, refused
 from tests.running import run_physics
-
-Array = NDArray[np.float64]
 
 
 def bits(world: World) -> bytes:
@@ -179,10 +177,7 @@ def test_every_command_has_the_name_of_its_thruster(tmp_path: Path) -> None:
     result = simulate(mixed_scenario(time={"end": 0.02}), backend="physics")
     result.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
     with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as read:
-        for name, kind, command in (
-            ("thruster", "agent", "command"),
-            ("target_thruster", "target", "target_command"),
-        ):
+        for name, kind, command in (("thruster", "agent", "command"), ("target_thruster", "target", "target_command")):
             assert read[name].dims == (kind, "channel")
             assert read[name].attrs["long_name"]
             thrusters = read[command][name]  # a coordinate of what it labels
@@ -199,17 +194,14 @@ def test_every_command_has_the_name_of_its_thruster(tmp_path: Path) -> None:
 @pytest.mark.parametrize("visible", [True, False])
 def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
     """Indices of every included vehicle: its free joint, bodies, sites and actuators. Oracle: MuJoCo's names."""
-    planar = {"hull", "otter", "wamv"}
-    kinds = [*sorted(planar), "aerial", "hexarotor", "quadrotor", "x500", "submersible"]
-    ids = [f"V{k}" for k in range(len(kinds))]
-    places = [[10.0 * k, 0.0, 20.0][: 2 if kind in planar else 3] for k, kind in enumerate(kinds)]
-    agents = [{"id": i, "position": x, "vehicle": k} for i, x, k in zip(ids, places, kinds, strict=True)]
-    scenario = make_scenario(
-        {"agents": agents, "targets": [{"id": "V", "position": [0, 0, 5]}], "sensing": [[i, "V"] for i in ids]}
-    )
-    world = World(scenario, visible=visible)
+    planar = ["hull", "otter", "wamv"]
+    agents = {
+        f"V{k}": {"position": [10.0 * k, 0.0, 20.0][: 2 if kind in planar else 3], "vehicle": kind}
+        for k, kind in enumerate([*planar, "aerial", "hexarotor", "quadrotor", "x500", "submersible"])
+    }
+    world = World(build_scenario(agents, {"V": [0, 0, 5]}, [[id, "V"] for id in agents]), visible=visible)
     model, seen = world.model, 0
-    for name, vehicle in zip([*ids, "V"], world.arena.vehicles, strict=True):
+    for name, vehicle in zip([*agents, "V"], world.arena.vehicles, strict=True):
         own = world.actuators(name)
         assert [model.actuator(k).name for k in own] == [f"{name}/{thruster}" for thruster in vehicle.thrusters]
         root = model.joint(f"{name}/").bodyid[0]
@@ -245,18 +237,13 @@ def test_thrusters_found_by_id_can_be_stopped() -> None:
 
 def head_on(contacts: bool) -> Array:
     """Two boats that are commanded to exchange places; x of both, shape (T, 2)."""
-    scenario = make_scenario(
-        {
-            "time": {"end": 12.0},
-            "controller": {"gain": 0.5},
-            "agents": [{"id": "A", "position": [-8, 0]}, {"id": "B", "position": [8, 0], "heading": 180}],
-            "targets": [{"id": "S", "position": [8, 40]}, {"id": "T", "position": [-8, -40]}],
-            "sensing": [
-                {"between": ["A", "S"], "offset": [0, -40]},
-                {"between": ["B", "T"], "offset": [0, 40]},
-            ],
-            "physics": {"contacts": contacts},
-        }
+    scenario = build_scenario(
+        {"A": [-8, 0], "B": {"position": [8, 0], "heading": 180}},
+        {"S": [8, 40], "T": [-8, -40]},
+        [{"between": ["A", "S"], "offset": [0, -40]}, {"between": ["B", "T"], "offset": [0, 40]}],
+        time={"end": 12.0},
+        controller={"gain": 0.5},
+        physics={"contacts": contacts},
     )
     return run_physics(scenario.system).positions[:, :2, 0]
 

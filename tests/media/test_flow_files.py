@@ -23,7 +23,6 @@ from mjsheaf.media.gridded import GriddedFlow, Reading
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import load_scenario, scenario_from_mapping
 from tests.builders import pursuit
-from tests.strategies import long
 
 LATITUDE, LONGITUDE = 43.0, 7.0
 U, V = 0.3, -0.1
@@ -147,26 +146,27 @@ def as_list(file: File) -> File:
 
 
 UNCHANGED = (U, V)
-ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
-    "actual_range": (lambda f: f.flow(actual_range=[-1.0, 1.0]), UNCHANGED),
-    "add_offset": (lambda f: f.values(lambda w: w - 0.25).flow(add_offset=0.25), UNCHANGED),
-    "ancillary_variables": (lambda f: f.flow(ancillary_variables="quality"), UNCHANGED),
-    "axis": (
-        lambda f: f.rename(lat="j", lon="i").set("j", axis="Y", standard_name=None).set("i", axis="X"),
-        UNCHANGED,
+Change = Callable[[File], File]
+ATTRIBUTES: dict[str, Change | tuple[Change, Any]] = {
+    "all that nothing reads": lambda f: f.set("domain", np.int32(0), (), dimensions="time lat lon").flow(
+        actual_range=[-1.0, 1.0],
+        ancillary_variables="quality",
+        cell_measures="area: areacello",
+        comment="wind",
+        computed_standard_name="altitude",
+        external_variables="areacello",
+        geometry="lines",
+        quantization="quantization_info",
+        title="waves",
+        units_metadata="temperature: on_scale",
     ),
-    "bounds": (
-        lambda f: f.set("lat", bounds="lat_bnds").set("lat_bnds", np.zeros((4, 2)), ("lat", "nv")),
-        UNCHANGED,
-    ),
-    "calendar": (lambda f: f.set("time", calendar="360_day"), UNCHANGED),
+    "add_offset": lambda f: f.values(lambda w: w - 0.25).flow(add_offset=0.25),
+    "axis": lambda f: f.rename(lat="j", lon="i").set("j", axis="Y", standard_name=None).set("i", axis="X"),
+    "bounds": lambda f: f.set("lat", bounds="lat_bnds").set("lat_bnds", np.zeros((4, 2)), ("lat", "nv")),
+    "calendar": lambda f: f.set("time", calendar="360_day"),
     "calendar of users": (lambda f: f.set("time", calendar="martian"), "time has no dates.*martian"),
-    "cell_measures": (lambda f: f.flow(cell_measures="area: areacello"), UNCHANGED),
-    "cell_methods": (
-        lambda f: f.flow(cell_methods="time: mean (interval: 1 hour comment: sampled) area: mean"),
-        UNCHANGED,
-    ),
-    "cell_methods over several axes": (lambda f: f.flow(cell_methods="time: lat: lon: mean"), (U, V)),
+    "cell_methods": lambda f: f.flow(cell_methods="time: mean (interval: 1 hour comment: sampled) area: mean"),
+    "cell_methods over several axes": lambda f: f.flow(cell_methods="time: lat: lon: mean"),
     "cell_methods of a variance": (lambda f: f.flow(cell_methods="time: variance"), "uo \\(variance\\)"),
     "cell_methods of a maximum": (lambda f: f.flow(cell_methods="area: mean time: maximum"), "uo \\(maximum\\)"),
     "cf_role": (
@@ -174,7 +174,6 @@ ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
         "a list \\(node\\)",
     ),
     "climatology": (lambda f: f.set("time", climatology="climatology_bounds"), "climatology"),
-    "comment": (lambda f: f.flow(comment="wind"), UNCHANGED),
     "compress": (
         lambda f: (
             f.drop("lat", "lon")
@@ -183,23 +182,17 @@ ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
         ),
         "uo: has no latitude|uo: has no longitude",
     ),
-    "computed_standard_name": (lambda f: f.flow(computed_standard_name="altitude"), UNCHANGED),
     "coordinate_interpolation": (
         lambda f: f.rename(lat="tie_lat", lon="tie_lon").flow(coordinate_interpolation="lat: lon: bl").drop("tie_lat"),
         "uo: has no latitude",
     ),
-    "coordinates": (
-        lambda f: (
-            f.rename(lat="north", lon="east")
-            .flow(coordinates="north east")
-            .values(lambda w: w, ("time", "j", "i"))
-            .set("north", dims=("j",))
-            .set("east", dims=("i",))
-        ),
-        UNCHANGED,
+    "coordinates": lambda f: (
+        f.rename(lat="north", lon="east")
+        .flow(coordinates="north east")
+        .values(lambda w: w, ("time", "j", "i"))
+        .set("north", dims=("j",))
+        .set("east", dims=("i",))
     ),
-    "dimensions": (lambda f: f.set("domain", np.int32(0), (), dimensions="time lat lon"), UNCHANGED),
-    "external_variables": (lambda f: f.flow(external_variables="areacello"), UNCHANGED),
     "_FillValue": (lambda f: hole(f, -999.0).flow(_FillValue=-999.0), "hole"),
     "flag_masks": (lambda f: f.values(lambda w: w.astype(np.int16)).flow(flag_masks=[1]), "expected numbers"),
     "flag_meanings": (lambda f: f.values(lambda w: w.astype(np.int16)).flow(flag_meanings="a b"), "expected numbers"),
@@ -208,12 +201,8 @@ ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
         lambda f: level(f, standard_name="ocean_sigma_coordinate", formula_terms="sigma: level eta: zeta depth: h"),
         "uo: has an axis level.*`select`: 1, 2",
     ),
-    "geometry": (lambda f: f.flow(geometry="lines"), UNCHANGED),
-    "grid_mapping": (
-        lambda f: f.flow(grid_mapping="crs").set("crs", 0, (), grid_mapping_name="latitude_longitude"),
-        UNCHANGED,
-    ),
-    "grid_mapping that is missing": (lambda f: f.flow(grid_mapping="crs"), UNCHANGED),
+    "grid_mapping": lambda f: f.flow(grid_mapping="crs").set("crs", 0, (), grid_mapping_name="latitude_longitude"),
+    "grid_mapping that is missing": lambda f: f.flow(grid_mapping="crs"),
     "instance_dimension": (lambda f: as_list(f).set("node", np.arange(5), ("node",), instance_dimension="t"), "a list"),
     "leap_month": (lambda f: f.set("time", calendar="none", leap_month=2, leap_year=1600), "time has no dates"),
     "mesh": (lambda f: as_list(f).flow(mesh="mesh", location="node"), "a list \\(node\\)"),
@@ -226,12 +215,11 @@ ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
         lambda f: hole(f, -9999.0),
         "uo: is -9999 m/s at 2026-05-01 ?T?00:00",
     ),
-    "node_count": (lambda f: f.flow(node_count="n"), UNCHANGED),
-    "positive": (lambda f: level(f, values=np.array([-1.0, -2.0]), units="m", positive="up"), UNCHANGED),
+    "node_count": lambda f: f.flow(node_count="n"),
+    "positive": lambda f: level(f, values=np.array([-1.0, -2.0]), units="m", positive="up"),
     "positive against the medium": (lambda f: level(f, units="m", positive="up"), "level goes from 1 to 2 m up"),
-    "quantization": (lambda f: f.flow(quantization="quantization_info"), UNCHANGED),
     "sample_dimension": (lambda f: as_list(f).set("node", np.arange(5), ("node",), sample_dimension="obs"), "a list"),
-    "scale_factor": (packed, UNCHANGED),
+    "scale_factor": packed,
     "standard_error_multiplier": (
         lambda f: (
             f.flow(standard_name=None, standard_error_multiplier=2.0)
@@ -240,16 +228,14 @@ ATTRIBUTES: dict[str, tuple[Callable[[File], File], Any]] = {
         ),
         "has no velocities",
     ),
-    "standard_name that is a number": (lambda f: f.flow(standard_name=5), UNCHANGED),
-    "title": (lambda f: f.flow(title="waves"), UNCHANGED),
-    "units": (lambda f: f.values(lambda w: 100.0 * w).flow(units="cm s-1"), UNCHANGED),
+    "standard_name that is a number": lambda f: f.flow(standard_name=5),
+    "units": lambda f: f.values(lambda w: 100.0 * w).flow(units="cm s-1"),
     "units of one": (lambda f: f.set("vo", units="knots"), (U, V * 1852.0 / 3600.0)),
-    "units written as ms-1": (lambda f: f.flow(units="ms-1"), UNCHANGED),
-    "units in capitals": (lambda f: f.flow(units="M/S"), UNCHANGED),
+    "units written as ms-1": lambda f: f.flow(units="ms-1"),
+    "units in capitals": lambda f: f.flow(units="M/S"),
     "units of no speed": (lambda f: f.set("vo", units="Pa"), "vo: the unit is 'Pa'; expected m s-1"),
     "units of a number": (lambda f: f.set("vo", units=5), "vo: the unit is '5'; expected m s-1"),
     "units missing": (lambda f: f.set("vo", units=None), "vo: has no units.*ncatted"),
-    "units_metadata": (lambda f: f.flow(units_metadata="temperature: on_scale"), UNCHANGED),
     "valid_min": (lambda f: hole(f, -3.0).flow(valid_min=-2.0), "hole"),
     "valid_max": (lambda f: hole(f, 3.0).flow(valid_max=2.0), "hole"),
     "valid_range": (lambda f: hole(f, 3.0).flow(valid_range=[-2.0, 2.0]), "hole"),
@@ -290,24 +276,10 @@ def hole(file: File, value: Any) -> File:
     return file.values(at_first)
 
 
-OF_NO_EFFECT = {
-    "actual_range",
-    "ancillary_variables",
-    "cell_measures",
-    "computed_standard_name",
-    "dimensions",
-    "external_variables",
-    "geometry",
-    "quantization",
-    "title",
-    "units_metadata",
-}
-"""Attributes that nothing reads, but for `comment`."""
-
-
-@pytest.mark.parametrize("name", [long(name) if name in OF_NO_EFFECT else name for name in ATTRIBUTES])
+@pytest.mark.parametrize("name", ATTRIBUTES)
 def test_every_attribute_of_cf_is_read_refused_or_without_effect(name: str, place: Path) -> None:
-    edit, wanted = ATTRIBUTES[name]
+    case = ATTRIBUTES[name]
+    edit, wanted = case if isinstance(case, tuple) else (case, UNCHANGED)
     if wanted != "hole":
         decide(edit(current()), place, wanted)
         return
@@ -545,18 +517,10 @@ def projected(mapping: str, unit: str, along: str) -> tuple[File, Any, Any]:
     x, y = x0 + step * np.arange(-4.0, 6.0), y0 + step * np.arange(5.0, -5.0, -1.0)
     lon, lat = to_places.transform(*np.meshgrid(x, y))
     east, north = 10.0 + 100.0 * (lat - 62.0), 4.0 + 100.0 * (lon - 5.0)
-    if along == "grid":  # by central differences of the places, which are independent of the reader's
-        h = 1e-3 * step
-        further = [
-            np.stack(to_places.transform(*np.meshgrid(x + s * dx, y + s * dy)))
-            for s in (1, -1)
-            for dx, dy in ((h, 0), (0, h))
-        ]
-        axes = []
-        for plus, minus in ((further[0], further[2]), (further[1], further[3])):
-            turn = (plus - minus) * np.stack([np.cos(np.radians(lat)), np.ones_like(lat)])
-            axes.append(turn / np.linalg.norm(turn, axis=0))
-        matrix = np.moveaxis(np.array(axes), (0, 1), (-1, -2))
+    if along == "grid":  # by central differences of the places, which are independent of the reader's; y falls
+        down, right = np.moveaxis(np.array([np.gradient(values, edge_order=2) for values in (lon, lat)]), 1, 0)
+        axes = np.array([right, -down]) * np.array([np.cos(np.radians(lat)), np.ones_like(lat)])
+        matrix = np.moveaxis(axes / np.linalg.norm(axes, axis=1, keepdims=True), (0, 1), (-1, -2))
         east, north = np.moveaxis(np.linalg.solve(matrix, np.stack([east, north], -1)[..., None])[..., 0], -1, 0)
     names = ("x_wind", "y_wind") if along == "grid" else ("eastward_wind", "northward_wind")
     size = 1000.0 if unit == "km" else 1.0
@@ -661,24 +625,19 @@ def test_axes_of_pressure_density_and_layers_are_refused(unit: str | None, place
 
 @pytest.mark.slow
 def test_distances_by_unit_and_direction(place: Path) -> None:
-    km = level(current(), standard_name="depth", units="km", positive="down", values=np.array([0.0, 0.01]))
-    decide(km, place, (1.5 * U, 1.5 * V), depth=5.0)
-    up = level(current(), standard_name="depth", units="m", positive="up", values=np.array([0.0, -10.0]))
-    decide(up, place, (1.5 * U, 1.5 * V), depth=5.0)
+    def deep(*values: float, units: str = "m", **attrs: Any) -> File:
+        return level(current(), standard_name="depth", units=units, values=np.array(values), **attrs)
+
     bare = level(current(), values=np.array([0.0, -10.0])).rename(level="depth")
-    decide(bare, place, (1.5 * U, 1.5 * V), depth=5.0)
-    decide(
-        level(current(), standard_name="depth", units="m", values=np.array([-1.0, 1.0])),
-        place,
-        "level goes from -1 to 1 m",
-    )
+    for file in (deep(0.0, 0.01, units="km", positive="down"), deep(0.0, -10.0, positive="up"), bare):
+        decide(file, place, (1.5 * U, 1.5 * V), depth=5.0)
+    decide(deep(-1.0, 1.0), place, "level goes from -1 to 1 m")
+    decide(deep(1.0, np.nan), place, "missing values")
     decide(level(current(), standard_name="height", units="m"), place, "level goes from 1 to 2 m up")
     decide(level(wind(), standard_name="depth", units="m"), place, "level goes from 1 to 2 m down", "air")
-    decide(level(current(), standard_name="depth", units="m", values=np.array([1.0, np.nan])), place, "missing values")
-    deep = level(current(), standard_name="depth", units="m", values=np.array([10.0, 20.0]))
-    deep.write(place)
+    deep(10.0, 20.0).write(place)
     assert read(place).notes == ("the flow is that of level 10 m, the nearest to the surface in its file",)
-    decide(deep, place, "depth: 21 m is beyond the file's; expected up to 20 m", depth=21.0)
+    decide(deep(10.0, 20.0), place, "depth: 21 m is beyond the file's; expected up to 20 m", depth=21.0)
     decide(current(), place, "depth: the file has no axis of depth or height; expected none, not 3 m", depth=3.0)
 
 
@@ -763,10 +722,9 @@ def test_times_that_are_missing_or_do_not_rise_are_refused(values: Any, words: s
     decide(current().set("time", np.array(values)), place, words)
 
 
-@pytest.mark.parametrize("start", ["today", "NaT", "1600-01-01", "20260501", "2026-13-01", ""])
+@pytest.mark.parametrize("start", ["today", "NaT", "1600-01-01", "20260501", "2026-13-01"])
 def test_starts_that_are_no_dates_are_refused(start: str, place: Path) -> None:
-    if start:
-        decide(current(), place, f"start: .{start}. is no date", start=start)
+    decide(current(), place, f"start: .{start}. is no date", start=start)
 
 
 def test_means_over_time_are_in_the_middle_of_their_bounds(place: Path) -> None:

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import mjsheaf
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.media.gridded import _cell
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.load import scenario_from_mapping
+from tests.builders import build_scenario, list_members
 from tests.media import double_gyre
 from tests.media.test_flow_events import pieces_of
 
@@ -28,19 +29,12 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def in_flow(path: Path, *, start: Any = (30.0, 40.0), **fields: Any) -> Scenario:
     """Return a buoy that drifts in a gridded flow, and an agent next to it."""
     water = {"kind": "gridded", "path": str(path), "origin": ORIGIN, **fields.pop("water", {})}
-    return scenario_from_mapping(
-        {
-            "name": "drift",
-            "time": {"end": 40.0},
-            "controller": {"gain": 0.5, "control_period": 0.5},
-            "agents": [{"id": "A", "position": [50, 60]}],
-            "targets": [{"id": "buoy", "position": list(start)}],
-            "sensing": [["A", "buoy"]],
-            "communication": [],
-            "flow": {"water": water},
-            **fields,
-        }
-    )
+    usual = {
+        "time": {"end": 40.0},
+        "controller": {"gain": 0.5, "control_period": 0.5},
+        "flow": {"water": water},
+    }
+    return build_scenario({"A": [50, 60]}, {"buoy": list(start)}, [["A", "buoy"]], **usual | fields)
 
 
 def test_the_flow_of_a_file_is_the_analytic_one_with_an_error_of_second_order(tmp_path: Path) -> None:
@@ -63,12 +57,8 @@ def test_the_flow_of_a_file_is_the_analytic_one_with_an_error_of_second_order(tm
 def test_a_free_buoy_drifts_along_the_analytic_flow(file: Path, backend: str) -> None:
     scenario = in_flow(file, time={"end": 20.0}, vehicles={"tau": 0.05}, physics={"timestep": 0.02, "contacts": False})
     positions = pieces_of(scenario.phases, backend, "mujoco")["positions"][:, 1, :2]
-    x, h = np.array([30.0, 40.0]), 0.01
-    for k in range(2000):
-        slope = np.array(double_gyre.velocity(x[0], x[1], np.array(k * h)))
-        between = x + 0.5 * h * slope
-        x = x + h * np.array(double_gyre.velocity(between[0], between[1], np.array((k + 0.5) * h)))
-    assert positions[-1] == pytest.approx(x, abs=0.05)
+    exact = solve_ivp(lambda t, x: double_gyre.velocity(x[0], x[1], t), (0.0, 20.0), [30.0, 40.0], rtol=1e-9)
+    assert positions[-1] == pytest.approx(exact.y[:, -1], abs=0.05)
 
 
 def test_bounds_are_attained_at_nodes_and_not_exceeded_between(file: Path) -> None:
@@ -117,10 +107,9 @@ def test_places_and_times_beyond_the_file_are_refused_with_the_numbers(file: Pat
 def test_a_vehicle_that_meets_land_runs_aground(tmp_path: Path, backend: str) -> None:
     path = tmp_path / "land.nc"
     double_gyre.write(path, 40, 41, 400.0, land=True)
-    targets = [
-        {"id": "buoy", "position": [60, 50], "motion": {"kind": "waypoints", "points": [[140, 50]], "speed": 4.0}}
-    ]
-    scenario = in_flow(path, targets=targets, agents=[{"id": "A", "position": [50, 20]}])
+    motion = {"kind": "waypoints", "points": [[140, 50]], "speed": 4.0}
+    buoy, agent = list_members({"buoy": [60, 50]}, motion=motion), list_members({"A": [50, 20]})
+    scenario = in_flow(path, targets=buoy, agents=agent)
     aground = pytest.raises(UnstableError, match=r"buoy.*ran aground at \(")
     with mjsheaf.Session(scenario, backend) as session, aground:
         while not session.finished:

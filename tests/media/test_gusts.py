@@ -186,21 +186,19 @@ def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_a_run_goes_on_from_a_state_and_begins_again_to_the_bit(backend: str) -> None:
+    def after(session: mjsheaf.Session, periods: int) -> np.ndarray:
+        for _ in range(periods):
+            session.step()
+        return session.engine.positions()
+
     with mjsheaf.Session(mjsheaf.load_scenario("open_sea"), backend) as session:
-        for _ in range(5):
-            session.step()
+        after(session, 5)
         state = session.state
-        for _ in range(5):
-            session.step()
-        end = session.engine.positions()
+        end = after(session, 5)
         session.state = state
-        for _ in range(5):
-            session.step()
-        assert np.array_equal(session.engine.positions(), end)
+        assert np.array_equal(after(session, 5), end)
         session.reset()
-        for _ in range(10):
-            session.step()
-        assert np.array_equal(session.engine.positions(), end)
+        assert np.array_equal(after(session, 10), end)
 
 
 def test_a_medium_may_be_asked_for_after_the_end_of_the_run() -> None:

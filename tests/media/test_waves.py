@@ -11,8 +11,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.media.medium import advance, mean_flow, new_state, surface_about
 from mjsheaf.media.waves import GRAVITY, Waves, wave_numbers
 from mjsheaf.scenario import Scenario
-from mjsheaf.scenario.load import scenario_from_mapping
-from tests.builders import mixed_scenario, pursuit
+from tests.builders import build_scenario, mixed_scenario, pursuit
 from tests.media.test_flow_events import pieces_of
 
 PM = {"kind": "pierson_moskowitz", "significant_height": 1.0, "peak_period": 2.0 * np.pi}
@@ -114,17 +113,13 @@ def test_slopes_and_rate_of_the_surface_are_its_derivatives() -> None:
 
 def drifting(waves: dict[str, Any], depth: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """Return how fast a buoy and a free particle at a depth drift on ideal kinematics, shape (2,) each, m/s."""
-    scenario = scenario_from_mapping(
-        {
-            "name": "drift",
-            "time": {"end": end},
-            "controller": {"gain": 1e-9, "control_period": 0.1},
-            "agents": [{"id": "A", "position": [0, 50]}],
-            "targets": [{"id": "buoy", "position": [0, 0]}, {"id": "particle", "position": [0, 0, -depth]}],
-            "sensing": [["A", "buoy"]],
-            "communication": [],
-            "flow": {"water": {"dimension": 2, "waves": waves}},
-        }
+    scenario = build_scenario(
+        {"A": [0, 50]},
+        {"buoy": [0, 0], "particle": [0, 0, -depth]},
+        [["A", "buoy"]],
+        time={"end": end},
+        controller={"gain": 1e-9, "control_period": 0.1},
+        flow={"water": {"dimension": 2, "waves": waves}},
     )
     positions = pieces_of(scenario.phases, "ideal", "mujoco")["positions"]
     moved = (positions[-1] - positions[0])[:, :2] / end
@@ -132,28 +127,21 @@ def drifting(waves: dict[str, Any], depth: float, end: float) -> tuple[np.ndarra
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("steepness", [0.005, 0.01])
-def test_drift_is_half_of_stokes_at_the_surface_and_stokes_below(steepness: float) -> None:
-    rate = Waves.model_validate({**PM, "components": 1}).components_of(0).rate[0]
-    k = rate**2 / GRAVITY
-    height = 2.0 * np.sqrt(2.0) * steepness / k
-    periods = 60
-    waves = {**PM, "significant_height": height, "components": 1, "direction": 90.0}
-    buoy, particle = drifting(waves, 2.0, round(periods * 2.0 * np.pi / rate, 1))
-    a = steepness / k
-    assert buoy[1] == pytest.approx(0.5 * a**2 * rate * k, rel=0.02)
-    assert particle[1] == pytest.approx(a**2 * rate * k * np.exp(-4.0 * k), rel=0.02)
-    assert abs(buoy[0]) < 1e-12
-
-
-@pytest.mark.long
-def test_drift_in_an_irregular_sea_is_the_sum_over_its_waves() -> None:
-    waves = {**PM, "significant_height": 0.05, "components": 8}
+@pytest.mark.parametrize(
+    ("components", "height", "depth", "end"),
+    [(1, 0.07, 2.0, 267.8), (1, 0.14, 2.0, 267.8), (8, 0.05, 1.0, 20_000.0)],  # steepness of 0.005 and 0.01; irregular
+)
+def test_drift_is_half_of_stokes_at_the_surface_and_stokes_below(
+    components: int, height: float, depth: float, end: float
+) -> None:
+    """Over 60 periods of one wave; in an irregular sea it is the sum over its waves."""
+    waves = {**PM, "significant_height": height, "components": components, "direction": 90.0}
     c = Waves.model_validate(waves).components_of(0)
-    buoy, particle = drifting(waves, 1.0, 20_000.0)
+    buoy, particle = drifting(waves, depth, end)
     stokes = c.amplitude**2 * c.rate * c.number
-    assert buoy[0] == pytest.approx(0.5 * stokes.sum(), rel=0.02)
-    assert particle[0] == pytest.approx((stokes * np.exp(-2.0 * c.number)).sum(), rel=0.02)
+    assert buoy[1] == pytest.approx(0.5 * stokes.sum(), rel=0.02)
+    assert particle[1] == pytest.approx((stokes * np.exp(-2.0 * depth * c.number)).sum(), rel=0.02)
+    assert abs(buoy[0]) < 1e-12
 
 
 @pytest.mark.long

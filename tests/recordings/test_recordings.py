@@ -15,17 +15,16 @@ from mjsheaf.errors import MjsheafError
 from mjsheaf.export.log import require_installed
 from mjsheaf.recordings import read_positions
 from mjsheaf.results.store import send, write_dataset
+from tests.builders import make_fields
 
-SCENARIO: dict[str, Any] = {
-    "time": {"end": 1},
-    "controller": {"gain": 2, "control_period": 0.02},
-    "agents": [{"id": "A1", "position": [0, 0, 4]}],
-    "targets": [
-        {"id": "T1", "position": [2, 0, 3], "motion": {"kind": "waypoints", "points": [[4, 1, 5]], "speed": 1}},
-        {"id": "T2", "position": [1, 1]},
-    ],
-    "sensing": [["A1", "T1"]],
-}
+WAY = {"kind": "waypoints", "points": [[4, 1, 5]], "speed": 1}
+SCENARIO = make_fields(
+    {"A1": [0, 0, 4]},
+    {"T1": {"position": [2, 0, 3], "motion": WAY}, "T2": [1, 1]},
+    [["A1", "T1"]],
+    time={"end": 1},
+    controller={"gain": 2, "control_period": 0.02},
+)
 
 
 @pytest.fixture(scope="module")
