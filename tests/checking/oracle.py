@@ -445,8 +445,9 @@ def _maps(edge: dict[str, Any], tail: dict[str, Any], n_i: int, n_j: int) -> tup
     R = np.eye(m)
     if name == "local_frame":
         frame = tail.get("frame", {"yaw": tail.get("heading") or 0.0})
-        angles = [frame.get(name, 0.0) * (name == "yaw" or m == 3) for name in ("yaw", "pitch", "roll")]
-        R = Rotation.from_euler("ZYX", angles, degrees=True).as_matrix().T[:m, :m]
+        turned = ["yaw", "pitch", "roll"] if m == 3 else ["yaw"]
+        angles = [frame.get(angle, 0.0) for angle in turned]
+        R = Rotation.from_euler("ZYX"[: len(turned)], angles, degrees=True).as_matrix().T[:m, :m]
     return R @ np.eye(m, n_i), R @ np.eye(m, n_j)
 
 

@@ -158,11 +158,11 @@ def test_the_oracle_agrees_with_the_ideal_backend(seed: int) -> None:
     assert truth.status == run.status == "finished"
     N = len(raw["agents"])
     for mine, other in ((truth.agents[-1], run.positions[-1, :N]), (truth.targets[-1], run.positions[-1, N:])):
-        np.testing.assert_allclose(mine, other, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(mine, other, rtol=1e-7, atol=1e-7)
     q = system.team.pack(run.positions)[:, : system.team.dirichlet.H.shape[0]]
     p = system.team.pack(run.positions)[:, q.shape[1] :]
     error = np.linalg.norm(system.team.dirichlet.extend(p) - q, axis=1)
-    np.testing.assert_allclose([truth.error[0], truth.error[-1]], [error[0], error[-1]], rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose([truth.error[0], truth.error[-1]], [error[0], error[-1]], rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.long

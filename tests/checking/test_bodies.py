@@ -135,6 +135,13 @@ PERIODS = [0.02, 0.1, 0.0]
 """Each vehicle is tried with one of these, and with all of them in `make test-all`."""
 
 
+def words_of(value: Any) -> str:
+    """Words for the cases below."""
+    if isinstance(value, dict):
+        return " ".join(f"{name} {number}" for name, number in value.items()) or "plain"
+    return "+".join(map(str, value)) if value else "calm"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("vehicles", "drift", "options"),
@@ -157,6 +164,7 @@ PERIODS = [0.02, 0.1, 0.0]
             for j in range(tried(3, 1))
         ),
     ],
+    ids=words_of,
 )
 def test_teams_swing_up_where_check_says(
     vehicles: list[str], drift: list[float] | None, options: dict[str, Any]

@@ -43,8 +43,8 @@ def random_field(rng: np.random.Generator, n: int) -> FlowField:
         return np.hstack([3.0 * rng.standard_normal((k, n)), numbers])
 
     channels = rows(n + 1)
-    channels = np.hstack([channels, 10.0 ** rng.uniform(-0.5, 0.7, (len(channels), 2))])
-    core = 10.0 ** rng.uniform(-1, 0.5)
+    channels = np.hstack([channels, 10.0 ** rng.uniform(-1.3, 0.7, (len(channels), 2))])
+    core = 10.0 ** rng.uniform(-1.3, 0.5)
     drift = rng.standard_normal(n).tolist()
     return field_of(n, core, drift, rows(1).tolist(), rows(1 if n == 2 else 4).tolist(), channels.tolist())
 

@@ -128,6 +128,7 @@ def test_command_leaves_what_is_not_its_own(tmp_path: Path) -> None:
         (["midpoint", "--set", "time.end=-1"], 2),
         (["midpoint", "--set", "agents.A1.vehicle=nothing"], 2),
     ],
+    ids=["agents that are free", "no such scenario", "a time", "a vehicle"],
 )
 def test_command_refuses_in_one_line(arguments: list[str], code: int, tmp_path: Path) -> None:
     answer = answer_of("compare", *arguments, "--no-video", "--out", tmp_path / "out")

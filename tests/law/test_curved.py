@@ -233,9 +233,14 @@ def test_feedforward_of_ranges_and_bearings_is_the_velocity_of_q_star(measures: 
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("how", ["in_python", pytest.param("compiled", marks=pytest.mark.long)])
 @pytest.mark.parametrize("measures", ["range", "bearing"])
-def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(measures: str, in_python: None) -> None:
+def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(
+    measures: str, how: str, request: pytest.FixtureRequest
+) -> None:
     """With exact rounds and targets at rest every error falls by 1 - k1 h a period, near q* to first order."""
+    if how == "in_python":
+        request.getfixturevalue(how)
     still = list_members(PLACES_OF_TARGETS)
     scenario = tracking(measures, {"newton": {"rounds": 60}}, offset=(1e-4, -2e-4), targets=still, time={"end": 2.0})
     run = mjsheaf.simulate(scenario, backend="ideal")
@@ -295,9 +300,12 @@ def test_rounds_expect_bearings_at_half_the_distance_of_q_star_whatever_they_wei
 
 
 @pytest.mark.slow(each=True)
+@pytest.mark.parametrize("how", ["in_python", pytest.param("compiled", marks=pytest.mark.long)])
 @pytest.mark.parametrize("measures", ["range", "bearing"])
-def test_rounds_of_agents_in_one_place_are_finite(measures: str, in_python: None) -> None:
+def test_rounds_of_agents_in_one_place_are_finite(measures: str, how: str, request: pytest.FixtureRequest) -> None:
     """An edge without a direction counts with M = 0; a third agent pulls the two apart or leaves them there."""
+    if how == "in_python":
+        request.getfixturevalue(how)
     agents = list_members(PLACES_OF_TRACKERS | {id: [1.0, 1.0] for id in "AB"})
     terms = {"newton": {"rounds": 4}, "feedforward": {"rounds": 4}}
     law = {"gain": 1.0, "control_period": 0.02, **terms}

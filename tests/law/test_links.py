@@ -148,6 +148,7 @@ def test_every_edge_hears_what_its_link_makes_of_the_truth(backend: str) -> None
             seen.add((k, state))
             assert heard[n] == state, (str(edge), n)
             np.testing.assert_allclose(found[n], measured, rtol=0, atol=1e-8, err_msg=f"{edge} {n}")
+            assert state != 1 or np.array_equal(found[n], found[n - 1])  # held to the bit
         used.append(np.where(np.isnan(found), -edge.b, found))  # what does not arrive adds nothing
     assert len(seen) >= 12  # new, held and without a measurement on most
     edges, N = [each.edge for each in resolved], len(team.agents)

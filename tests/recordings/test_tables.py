@@ -184,3 +184,9 @@ def test_what_is_not_understood_is_refused_in_one_line(
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(InputError, match=rf"^[^\n]*a\.csv: {message}[^\n]*$"):
         read_positions(str(tmp_path / "a.csv"), **fields)
+
+
+@pytest.mark.parametrize("name", ["x" * 5000 + ".csv", "a\0b.csv", ""], ids=["too long", "a NUL", "none"])
+def test_a_name_that_no_file_can_have_is_refused_in_one_line(name: str) -> None:
+    with pytest.raises(InputError, match=r"^[^\n\0]{1,200}$"):
+        read_positions(name)

@@ -61,10 +61,11 @@ def plan_of(law: Path | None, name: str = "Growing") -> Plan:
     )
 
 
-@pytest.mark.parametrize("own", [True, False])
+@pytest.mark.parametrize("own", [True, False], ids=["law of a file", "the sheaf's"])
 def test_every_run_is_that_of_its_scenario_under_a_fresh_law(own: bool, law: Path, tmp_path: Path) -> None:
     """A law of a file, or the sheaf's."""
     study = run_study(plan_of(law if own else None), tmp_path / "s", IN_THREADS)
+    assert [record["run"] for record in study.records] == [0, 1, 2, 3]
     for record in study.records:
         changes = {"time.end": 0.5, "seed": record["seed"], **record["parameters"]}
         scenario = mjsheaf.load_scenario("midpoint", changes)

@@ -180,6 +180,19 @@ def test_every_kind_of_study_is_drawn_and_legible(fields: dict[str, Any], failin
     assert ("success.png" in plots) == failing
     assert drawn
     assert all(map(is_legible, drawn))
+    for figure in drawn:
+        figure.canvas.draw()
+        picture = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+        assert min(picture.shape[:2]) > 400
+        assert len(np.unique(picture)) > 20  # not blank
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fields", [STUDIES[2], STUDIES[4], STUDIES[6]], ids=["curve", "heat map", "panels"])
+def test_plots_of_equal_studies_have_equal_bytes(fields: dict[str, Any]) -> None:
+    study = StudyFile.model_validate({"scenario": "midpoint", **fields})
+    records = made_up(study, failing=False)
+    assert plot_study(study, "name", records) == plot_study(study, "name", records)
 
 
 @pytest.mark.slow

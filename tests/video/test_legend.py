@@ -62,10 +62,17 @@ def test_every_row_has_a_symbol() -> None:
         assert (np.asarray(canvas.buffer_rgba())[..., :3].max(axis=2) > 60).sum() >= 8, label
 
 
-def test_the_legend_says_how_much_larger_vehicles_are() -> None:
-    """By kind or id as in `list_scales`, which has tests of its own."""
-    words = [str(row.get_label()) for row in rows_of(everything())]
-    assert [each for each in words if each.startswith("drawn")] == ["drawn ×6: drone", "drawn ×4: buoy"]
+@pytest.mark.parametrize(
+    ("scales", "said"),
+    [
+        ([1.0, 1.0, 6.0, 6.0, 4.0], ["drawn ×6: drone", "drawn ×4: buoy"]),
+        ([1.0, 1.0, 3.0, 1.0, 1.0], ["drawn ×3: A3"]),
+    ],
+    ids=["by kind", "by id"],
+)
+def test_the_legend_says_how_much_larger_vehicles_are(scales: list[float], said: list[str]) -> None:
+    words = [str(row.get_label()) for row in rows_of(replace(everything(), scales=np.array(scales)))]
+    assert [each for each in words if each.startswith("drawn")] == said
 
 
 @pytest.mark.parametrize("size", [(64, 64), (320, 240), (720, 1280), (1280, 720)])
