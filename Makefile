@@ -1,5 +1,5 @@
 # Two commands: `make demo` and `make test`. Both set up .venv first; a second call is quick. `make test` runs the tests
-# that are quick, `make test-ci` besides these a slow one of each file, `make test-all` all of them.
+# that are quick, `make test-ci` besides these a choice of slow ones, `make test-all` all of them.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

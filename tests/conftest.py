@@ -32,24 +32,21 @@ ALSO_SHOWN = ("noisy_harbour", "paper_delay", "paper_half_lost", "swarm_radio_sh
 
 @pytest.hookimpl(tryfirst=True)  # before tests are selected by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark slow tests but the first of each file, and all of these scenarios, as long; what is long is slow, too.
+    """Mark as long what continuous integration leaves out; what is long is slow, too.
 
-    Slow examples of a test that has quick ones are long. With `slow(each=True)`, as where each example is of another
-    scenario, none is.
+    That is all of some scenarios, and slow tests, but for the first example of those that are marked `slow(first=True)`
+    and all examples with `slow(each=True)`, as where each is of another scenario.
     """
     for item in items:
         if not {*re.split(r"[\[\]-]", item.name)}.isdisjoint(ALSO_SHOWN):
             item.add_marker(pytest.mark.long)
-    short = [item for item in items if not item.get_closest_marker("long")]
-    quick = {item.nodeid.partition("[")[0] for item in short if not item.get_closest_marker("slow")}
-    begun: set[Path] = set()
-    for item in short:
-        mark = item.get_closest_marker("slow")
-        if mark and not mark.kwargs.get("each"):
-            if item.path in begun or item.nodeid.partition("[")[0] in quick:
+    begun: set[str] = set()
+    for item in items:
+        mark, test = item.get_closest_marker("slow"), item.nodeid.partition("[")[0]
+        if mark and not mark.kwargs.get("each") and not item.get_closest_marker("long"):
+            if test in begun or not mark.kwargs.get("first"):
                 item.add_marker(pytest.mark.long)
-            else:
-                begun.add(item.path)
+            begun.add(test)
     for item in items:
         if item.get_closest_marker("long"):
             item.add_marker(pytest.mark.slow)

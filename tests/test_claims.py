@@ -73,7 +73,7 @@ COMMANDS = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(("heading", "shown", "command"), COMMANDS, ids=[command for *_, command in COMMANDS])
 def test_runs(heading: str, shown: str, command: str, simulated: Simulated) -> None:
     result = run_of(command, simulated)

@@ -48,7 +48,7 @@ SHORT = ["--set", "time.end=0.2"]
 SMALL = ["--set", "video.width=160", "--set", "video.height=120", "--set", "video.fps=2"]
 SHORTENED = {"run": SHORT + SMALL, "compare": SHORT + SMALL, "sweep": SHORT, "video": ["--width", "160", "--fps", "1"]}
 SLOW = {"compare", "sweep", "video", "report", "pytest", "--expect", "--update", "--format", "--out", "--no-video"}
-SLOW |= {"controller.gain=30", "export"}
+SLOW |= {"controller.gain=30", "export", "--live"}
 TEAM = {
     "agents": [{"id": "B1", "position": [0, 0]}, {"id": "B2", "position": [4, 0]}, {"id": "B3", "position": [8, 0]}],
     "targets": [{"id": "D", "position": [2, 6, 8]}],
@@ -276,7 +276,7 @@ def test_every_field_has_a_meaning_and_every_number_a_unit(name: str, node: dict
     assert node.get("description") or any("$ref" in below for below in sections)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_every_field_has_an_example_out_of_a_file() -> None:
     """But for fields that are sections themselves, whose fields have."""
     examples = reference.known_examples()

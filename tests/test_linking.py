@@ -32,7 +32,7 @@ def run(folder: Path, functions: str, calls: str) -> list[str]:
     return done.stdout.split()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_function_is_linked_into_its_callers_and_still_callable_from_python(tmp_path: Path) -> None:
     calls = "assert hypotenuse(3.0, 4.0) == 5.0\nassert not square.signatures\nassert square(2.0) == 4.0"
     assert run(tmp_path, FUNCTIONS, calls) == ["hypotenuse", "square", "square"]

@@ -22,7 +22,7 @@ def pytest_sessionfinish(session):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_foreign_project_does_not_notice(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text(CONFTEST)
     (tmp_path / "test_a.py").write_text("def test_a(request):\n    assert request.config.getoption('--seed') == 3\n")

@@ -42,7 +42,7 @@ def abandoned(path: Path, suffix: str = "part", directory: bool = True) -> Path:
     return part
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.usefixtures("without_plots")
 def test_the_next_command_removes_what_a_killed_one_left(tmp_path: Path) -> None:
     out = tmp_path / "out"

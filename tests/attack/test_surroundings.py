@@ -238,7 +238,7 @@ def test_asserts_are_no_checks_of_what_users_write(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_number_of_threads_that_numba_refuses_is_named_in_one_line(tmp_path: Path) -> None:
     done = run("run", "midpoint", "--no-video", cwd=tmp_path, env=BARE | {"NUMBA_NUM_THREADS": "0"})
     assert done.returncode == 2

@@ -89,7 +89,7 @@ def test_damaged_file_of_a_run(name: str, run: Path, films: list[Any], tmp_path:
             assert answer.code == 0 or (answer.code == 2 and only_errors(answer.err)), (k, answer)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", ["result.nc", "summary.json", "scenario.yaml"])
 def test_something_else_in_the_place_of_a_file(name: str, run: Path, films: list[Any], tmp_path: Path) -> None:
     def link(path: Path) -> None:

@@ -41,7 +41,7 @@ def _bounded() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (12 << 30, 12 << 30))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", HARMFUL)
 def test_a_harmful_file_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
     shutil.copy(DATA / "raft.yaml", tmp_path)

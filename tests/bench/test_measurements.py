@@ -66,7 +66,7 @@ def test_threads_give_the_same_bits() -> None:
     assert not any("DIFFER" in row.note for row in rows)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_assembly_counts_every_vehicle() -> None:
     (row,) = simulations.assembly(size=5)
     well_formed([row], "assembly")

@@ -80,7 +80,7 @@ def test_an_ideal_simulation_in_python_loads_neither_mujoco_nor_plots() -> None:
     assert not {"mujoco", "matplotlib"} & set(loaded)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("period", [0.02, 0], ids=["held", "continuous"])
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_a_second_process_compiles_nothing(backend: str, period: float) -> None:

@@ -101,7 +101,7 @@ def test_nothing_in_the_box_exceeds_the_bound(
     np.testing.assert_allclose(value(supremum, field, found.where, planar), found.seen, rtol=1e-9, atol=1e-13)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("slope", [False, True], ids=["speed", "slope"])
 @examples(150)
 @given(seed=SEEDS, space=SPACES)

@@ -69,7 +69,7 @@ def accuracy(system: System) -> float:
     return 1e-7 * (1.0 + float(np.abs(system.initial).max()))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("piece", range(PIECES))
 def test_the_bound_is_never_exceeded(piece: int) -> None:
     """Of 120 teams and laws, 20 with each term, of which CI tries six, and of 500 in `make test-all`."""

@@ -152,7 +152,7 @@ def derived(system: System, loop: Loop, delay: int = 0) -> DerivedLaw:
 
 
 # The first is the one that continuous integration tries: all terms, the longest delay.
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("delay", range(5, -1, -1))
 @pytest.mark.parametrize("names", LAWS[::-1], ids="+".join)
 def test_running_the_law_gives_the_loop_derived_by_hand(names: tuple[str, ...], delay: int) -> None:

@@ -229,7 +229,7 @@ def run_errors(raw: dict[str, Any]) -> Array:
     return np.linalg.norm(ideal_errors(scenario_from_mapping(raw).system, may_blow_up=True), axis=1)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("seed", range(tried(24, 12)))
 def test_the_limit_of_delay_of_the_program(seed: int) -> None:
     """Runs of the ideal backend over links as a file names them, by one period on both sides of the margin."""

@@ -41,7 +41,7 @@ def keeping(places: Any, pairs: Any, measures: str = "position", directed: bool 
     return build_scenario(members, {}, [], **{**usual, **fields})
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(
     ("places", "pairs", "measures", "rank", "needed", "rate"),
     [

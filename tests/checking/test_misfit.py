@@ -268,7 +268,7 @@ def three_bearings(gain: float, **fields: Any) -> Scenario:
     return three_ranges(gain, **{"sensing": sensing, "agents": list_members({"A": [-1.0, -2.0]}), **fields})
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("scenario", [three_ranges, three_bearings])
 def test_the_steady_error_of_edges_that_do_not_fit_is_that_of_a_run(scenario: Any) -> None:
     """Targets sway by 5 cm: q* moves by the law's H^-1 B, and the error is that of its loop, to 1 %."""

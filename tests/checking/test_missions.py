@@ -179,10 +179,10 @@ def test_the_oracle_sees_a_boat_that_falls_behind(limit, failure):
     ("seed", "ok"),
     [
         (7, True),
-        (100, False),
+        (70, False),
         *(
             pytest.param(seed, ok, marks=pytest.mark.slow)
-            for seed, ok in [(70, False), (205, False), (27, False), (187, False), (164, True), (6, True)]
+            for seed, ok in [(100, False), (205, False), (27, False), (187, False), (164, True), (6, True)]
         ),
         # Boats that Newton's method finds no equilibrium for, a rotor at a limit in noise, and drones that the safety
         # filter drives away.

@@ -36,7 +36,7 @@ def errors_of(record: dict[str, Any]) -> set[str]:
     return {name for name in ERRORS & record.keys() if isinstance(record[name], float)}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(
     ("name", "changes"),
     [

@@ -19,7 +19,7 @@ def measured(scenario: Any, backend: str) -> float:
     return float(np.sqrt(np.nanmean(error[len(error) // 2 :] ** 2)))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(
     "controller",
     [

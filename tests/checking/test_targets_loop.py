@@ -75,7 +75,7 @@ def test_the_fix_that_is_named_is_one() -> None:
     require(record, {"ok": True, "targets.product": None, "targets.stable": True})
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("pull", [3.0, 17.0, 19.9, 20.1, 25.0])
 def test_runs_grow_or_decay_by_the_factor(pull: float) -> None:
     scenario = mjsheaf.load_scenario(pulled(pull, time={"end": 3.0}))

@@ -316,7 +316,7 @@ def certified_run(seed: int) -> RunBound:
     raise AssertionError(f"seed {seed}: no gain certifies it: {run.reason}")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("piece", range(WORKERS))
 def test_the_bound_is_never_exceeded(piece: int) -> None:
     """Of 100 teams, of which CI tries five, and of 500 in `make test-all`."""

@@ -322,9 +322,9 @@ def tried(scenario: Scenario) -> set[str]:
     [
         (3.05, 0.0, set[str]()),
         (3.2, 0.0, {"saturated"}),
-        (2.3, 12.0, set[str]()),
-        (2.5, 12.0, {"saturated"}),
-        (2.9, 8.0, {"saturated"}),
+        pytest.param(2.3, 12.0, set[str](), marks=pytest.mark.slow),
+        pytest.param(2.5, 12.0, {"saturated"}, marks=pytest.mark.slow),
+        pytest.param(2.9, 8.0, {"saturated"}, marks=pytest.mark.slow),
     ],
 )
 def test_a_place_a_little_faster_than_a_boat_at_full_thrust_leaves_it_behind(

@@ -34,7 +34,7 @@ def stream(limits: tuple[float | None, float | None]) -> Scenario:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(
     ("limits", "short"),
     [

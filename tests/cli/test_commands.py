@@ -167,7 +167,7 @@ def short(tmp_path: Path, request: pytest.FixtureRequest) -> Short:
     return run
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_expectation_missed_exits_1(short: Short) -> None:
     answer, summary = short()
     assert (answer.code, summary["expect"]["met"]) == (0, False)

@@ -31,7 +31,7 @@ def record() -> CompareRecord:
     return compare(limited(0.4)).record
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_the_share_at_the_limit_is_that_of_the_commands(record: CompareRecord) -> None:
     speed = np.linalg.norm(np.nan_to_num(simulate(limited(0.4), "ideal")["velocity_command"].values), axis=2)
     half = speed[-(len(speed) // 2 + 1) :]

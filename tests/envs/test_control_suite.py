@@ -80,7 +80,7 @@ def same(one: Any, other: Any) -> bool:
     return all(value.tobytes() == other[name].tobytes() for name, value in one.items())
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", VARIANTS)
 def test_without_actions_it_is_the_run_to_the_bit(name: str) -> None:
     scenario = mixed_scenario(**VARIANTS[name])

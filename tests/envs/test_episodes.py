@@ -123,7 +123,7 @@ def places(face: Face) -> list[Array]:
     return [episode.world.positions() for episode in face.episodes]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", FACES)
 def test_each_reset_begins_the_run_of_the_seed_that_it_names(name: str) -> None:
     scenario = random_scenario()

@@ -76,7 +76,7 @@ def test_the_conformance_suites_pass(change: dict[str, Any]) -> None:
     compare_seeds(scenario, 60)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_conformance_suites_pass_on_shipped_scenarios(name: str) -> None:
     """Over 150 periods and all events, in `make test-all` over 1000.

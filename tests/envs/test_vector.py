@@ -74,7 +74,7 @@ def compare(scenario: Scenario, periods: int, *, together: bool = True, **option
     assert (worlds._worlds is not None) is together
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in COMPILED else name for name in CHANGES]
 )

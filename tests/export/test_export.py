@@ -97,7 +97,7 @@ def numbers(message: Any, names: str) -> list[float]:
     return [getattr(message, name) for name in names]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_run_without_targets_is_exported(tmp_path: Path) -> None:
     """What would have no columns is left out."""
     team = load_scenario("range_formation", {"time.end": 0.1})

@@ -65,7 +65,7 @@ def messages_of(file: Path) -> dict[tuple[str, int], bytes]:
 
 
 @needs_client
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_client_receives_the_messages_of_the_mcap_file(port: int, tmp_path: Path) -> None:
     out = tmp_path / "run"
     command = ["run", "midpoint", "--backend", "ideal", "--set", "time.end=4", "--no-video", "--mcap", "--live"]

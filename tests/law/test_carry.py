@@ -115,7 +115,7 @@ LOST = {"all": {"delay": 0.1, "loss": 0.3, "hold": 0.1}}
 ROUNDS = {"all": {"delay": 0.1}, "rounds": {"delay": 0.05, "loss": 0.2}}
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("backend", ["ideal", "fused"])
 @pytest.mark.parametrize(
     ("events", "links", "tolerance"),

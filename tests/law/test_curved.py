@@ -232,7 +232,7 @@ def test_feedforward_of_ranges_and_bearings_is_the_velocity_of_q_star(measures: 
     assert without.tracking_error.values.max() > 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("how", ["in_python", pytest.param("compiled", marks=pytest.mark.long)])
 @pytest.mark.parametrize("measures", ["range", "bearing"])
 def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(

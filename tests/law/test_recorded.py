@@ -67,7 +67,7 @@ def test_a_target_in_the_plane_takes_x_and_y() -> None:
     np.testing.assert_allclose(command, [3.0, 0.0, 0.0], atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_run_follows_a_file_as_it_follows_the_formula(tmp_path: Path) -> None:
     formula = {"kind": "lissajous", "amplitude": [2, 2], "rate": [1, 1], "phase": [np.pi / 2, 0], "pull": 1.0}
     exact = mjsheaf.simulate(mjsheaf.load_scenario(SCENARIO, {"targets.T1.motion": formula}), backend="ideal")

@@ -130,7 +130,7 @@ LINKS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("link", LINKS, ids=str)
 def test_rounds_are_what_each_agent_makes_of_what_it_was_sent(link: dict[str, Any]) -> None:
     edges = [{"between": ["boat", "front"], "range": 7.0}, ["front", "back"]]

@@ -139,7 +139,7 @@ def test_no_pair_comes_too_near_in_many_swaps() -> None:
     assert ended_early < len(seeds) / 10
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("seed", [5036, 5067, 5072, 5117])
 def test_everyone_arrives_or_is_reported_deadlocked(seed: int) -> None:
     """After long enough: some of these are under way for 130 s."""

@@ -239,7 +239,7 @@ def test_local_form_on_ideal_kinematics(terms: dict[str, Any]) -> None:
     assert_alike(mixed_scenario(controller=controller, targets=MOVING), "ideal")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("seed", range(6))
 def test_local_form_of_random_teams(seed: int) -> None:
     assert_alike(unlike_team(seed, **ALL), "ideal", 1e-9)

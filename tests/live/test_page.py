@@ -101,6 +101,7 @@ FRAME = """address => { const f = document.createElement('iframe'); f.src = addr
         try { d(String(f.contentDocument?.title ?? 'refused')); } catch { d('refused'); } }); }"""
 
 
+@pytest.mark.slow(first=True)
 def test_a_hostile_page_cannot_control_the_run(browser: Any) -> None:
     """It knows the port, but neither the token nor, with it, the origin."""
     with Watched(load_scenario("midpoint", {"time.end": 60}), "ideal", speed=1.0) as run:

@@ -124,7 +124,7 @@ def test_a_slow_page_gets_the_newest_frame_and_delays_nobody(server: Server) -> 
         assert len(found) < 300
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_closing_the_page_ends_the_server_but_reloading_does_not(server: Server) -> None:
     with joined(server.url):
         wait_until(lambda: server.opened, 10.0)

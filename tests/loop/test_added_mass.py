@@ -51,7 +51,7 @@ def conserved(world: World, w: Array) -> Array:
     return np.concatenate([[0.5 * nu @ M @ nu], P, np.cross(x, P) + R @ (M @ nu)[3:]])
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("moving", [False, True], ids=["still", "moving"])
 @pytest.mark.parametrize("name", BODIES)

@@ -240,7 +240,7 @@ def test_a_multirotor_leans_to_where_it_is_sent_and_keeps_its_height_and_heading
         assert world.data.qvel[dof][:3] @ direction > 5.0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize(("tilt", "fall"), [(60, 2.0), (150, 7.0)])
 @pytest.mark.parametrize("name", MULTIROTORS)

@@ -218,7 +218,7 @@ def test_mujoco_pushes_along_the_angle() -> None:
         np.testing.assert_allclose(world.data.actuator_force[own], state.ravel(), atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("velocity", [(2.0, 0.0), (-1.5, 0.0), (0.0, 1.0), (0.0, -1.2)])
 def test_at_a_steady_speed_thrust_balances_drag(velocity: tuple[float, float]) -> None:

@@ -108,7 +108,7 @@ def test_without_lag_thrusters_follow_at_once(name: str) -> None:
         assert np.abs(world.data.ctrl[thrusters] - before).max() > 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(("name", "D"), [("wamv", 100.0), ("hexarotor", 0.6)])
 def test_without_the_drag_law_thrust_grows_with_speed(name: str, D: float) -> None:
     """At a steady 2 m/s: D v + Q v^2 of the whole law, D v without it; the vehicle is as fast with either."""

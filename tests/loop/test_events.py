@@ -237,7 +237,7 @@ def test_while_nothing_arrives_nobody_is_commanded_and_then_all_goes_on(backend:
         np.testing.assert_allclose(positions_of(fresh), positions_of(data)[30:], rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_the_law_keeps_its_memory_over_an_event() -> None:
     """An event that changes nothing leaves a run of bodies with all terms as it was."""
     law = {"gain": 3.0, "control_period": 0.01, **TERMS}

@@ -101,7 +101,7 @@ def test_a_boat_is_pushed_along_the_water_only(world: World) -> None:
 # -- over time -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", ["hull", "aerial", "submersible", "hexarotor", "quadrotor", "x500"])
 def test_gears_on_the_joint_are_thrusters_on_sites(name: str, tmp_path: Path) -> None:
     """Step by step, tumbling, the trajectory of the file's own site transmissions under the same commands."""

@@ -147,7 +147,7 @@ def off_by(scenario: Scenario, count: int, seed: int) -> float:
 # -- one step ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_step_of_every_vehicle_alone_and_in_lanes_is_that_of_mujoco(tmp_path: Path) -> None:
     names = [*of_lanes(tmp_path / "lanes"), *POWERED, *unlike(tmp_path)]
     assert off_by(of_vehicles(names, 0.002), 30, 1) < EPSILON

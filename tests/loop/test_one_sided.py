@@ -87,7 +87,7 @@ shares = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8)
 wrenches = st.tuples(*[st.floats(-500.0, 500.0)] * 3).map(np.array)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @settings(max_examples=tried(300, 60))
 @given(places=sets, wanted=wrenches)
 def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_the_yaw_moment(

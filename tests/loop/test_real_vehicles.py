@@ -33,7 +33,7 @@ def test_a_multirotor_hovers_from_the_first_moment(name: str) -> None:
     np.testing.assert_allclose(world.data.qpos[qpos], before, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(("command", "thrust"), [(10.0, 119.68), (-2.0, -66.71)])
 def test_an_otter_goes_ahead_and_astern_as_fast_as_its_source_says(command: float, thrust: float) -> None:
     """Two propellers of 119.68 N or -66.71 N against 77.55 N s/m: 3.086 m/s ahead, 1.720 astern."""

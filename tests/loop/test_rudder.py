@@ -198,7 +198,7 @@ def steady_rate(thrust: float) -> float:
     return float(np.linalg.solve(hull + k * a * np.outer(lever, lever), k * a**2 * lever)[1])
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("thrust", [60.0, 150.0])
 def test_a_small_step_of_the_rudder_turns_it_as_the_linear_equations_say(thrust: float) -> None:
     step = 1e-4

@@ -69,7 +69,7 @@ def test_every_vehicle_takes_part() -> None:
     assert {*PLANAR, *SPATIAL} | PASSIVE == set(list_vehicles())
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_pair_touches(seed: int) -> None:
     scenario = load_scenario(exchange(seed))

@@ -108,7 +108,7 @@ def test_what_looks_changes_nothing(engine: str) -> None:
     np.testing.assert_array_equal(watched.state, plain.state)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @engines
 def test_a_seed_is_a_run(engine: str) -> None:
     scenario = mixed_scenario(**TANGLED)

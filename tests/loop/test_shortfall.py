@@ -108,7 +108,7 @@ def test_it_is_listed_and_noted(tmp_path: Path) -> None:
     assert f"note: {slip}" in " ".join(answer.out.split())
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("changes", [{}, {"frequency": 20}, {"tilt": 15}, {"rate": 4, "frequency": 15}])
 def test_drones_fall_below_a_quarter_and_fly_with_enough(changes: dict[str, float], tmp_path: Path) -> None:
     """A lean to the limit starts the swing, so targets begin 20 m away."""

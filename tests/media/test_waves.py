@@ -24,7 +24,7 @@ def sea(waves: dict[str, Any], **fields: Any) -> Scenario:
     return mixed_scenario(**{"time": {"end": 0.4}, "flow": flow, **fields})
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("components", [1, 7, 50, 300])
 @pytest.mark.parametrize("kind", [PM, JONSWAP])
 def test_height_and_moments_are_exact_for_any_number_of_waves(kind: dict[str, Any], components: int) -> None:

@@ -77,6 +77,7 @@ def colours_of(page: Any) -> set[tuple[int, ...]]:
     return {tuple(colour) for colour in np.asarray(picture).reshape(-1, 3)[::3].tolist()}
 
 
+@pytest.mark.slow(first=True)
 def test_a_page_opens_from_disk_without_a_network(browser: Any, harbour: tuple[Path, Made]) -> None:
     page = open_page(browser, harbour[0], hash="#t=20")
     assert page.title() == "harbour_lost_hexarotor: mjsheaf run"

@@ -14,7 +14,7 @@ from mjsheaf.show.solids import shapes_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", list_vehicles())
 def test_solids_are_where_the_model_has_them(name: str) -> None:
     vehicle = load_vehicle(name)

@@ -74,7 +74,7 @@ def trial_of(**expect: Any) -> Trial:
     return try_scenario(scenario_from_mapping({"name": "tiny", **raw, "expect": expect}), "ideal")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_miss_shows_bound_and_value_and_the_command_to_watch() -> None:
     trial = trial_of(ideal={"tracking_error": 0.5, "mean_disagreement": 1.0})
     assert trial.met is False

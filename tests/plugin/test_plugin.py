@@ -176,7 +176,7 @@ def test_bounds_may_have_to_be_tight(run: Run) -> None:
         assert f"mjsheaf_tight is '{wrong}'; expected a number of at least 1" in told
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_other_peoples_tests_are_left_alone(run: Run) -> None:
     """Without --mjsheaf nothing is collected and nothing of mjsheaf but the plugin's own module is imported."""
     code, told = run("scenarios", "-q")

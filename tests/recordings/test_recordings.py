@@ -60,7 +60,7 @@ def test_an_exported_run_is_read_back_to_the_bit(
     np.testing.assert_allclose(found[:, 0], rows[:, 0], atol=1e-9)  # logs have nanoseconds
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(("name", "selection"), FILES)
 def test_a_target_follows_a_log_as_it_follows_its_rows(
     name: str, selection: dict[str, Any], logs: tuple[Path, np.ndarray]

@@ -51,7 +51,7 @@ def written(of: Scenario, backend: str, path: Path) -> xr.Dataset:
 EVENTS = [{"time": 0.2, "lose": "B"}, {"time": 0.3, "set": {"controller.gain": 1.5}}]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("samples", [7, 17, 51, 1000])  # 51 samples: 3 x 17 leaves nothing, 7 x 7 leaves two
 @pytest.mark.parametrize("events", [EVENTS, []], ids=["events", "plain"])

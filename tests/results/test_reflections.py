@@ -27,7 +27,7 @@ def ends(measures: str, start: Any) -> list[str]:
     return list(describe_reflections(scenario.team, mjsheaf.simulate(scenario, backend="ideal")))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize(
     ("measures", "start", "words"),
     [

@@ -34,7 +34,7 @@ SPEED = Variable(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_one_entry_is_in_the_file_and_in_the_reference(
     backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

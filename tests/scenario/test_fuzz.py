@@ -58,7 +58,7 @@ def test_what_is_mutated_is_valid(name: str, tmp_path: Path) -> None:
     load_scenario(path)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_mutated_tree_is_valid_or_refused_in_words(name: str, tmp_path: Path) -> None:
     try_files(trees(name), TREES, lambda data: load_or_refuse(data, tmp_path))

@@ -51,7 +51,7 @@ def test_a_flat_bundle_is_its_frames() -> None:
     assert sheaf.relative_sections([17]).shape == (7497, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("k", [2, 3])
 def test_a_twisted_edge_leaves_the_axis_of_its_twist(k: int) -> None:
     """Sections are what the holonomy around a face leaves as it is; oracle: dense singular values."""

@@ -76,7 +76,7 @@ def test_every_run_is_that_of_its_scenario_under_a_fresh_law(own: bool, law: Pat
         assert (record["status"], record["message"]) == ("finished", "")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_results_name_the_law_but_not_its_place(law: Path, tmp_path: Path) -> None:
     run_study(plan_of(law), tmp_path / "s", IN_THREADS)
     rows = list(csv.DictReader((tmp_path / "s" / "table.csv").open()))

@@ -114,7 +114,7 @@ def test_what_is_mutated_is_valid(name: str, tmp_path: Path) -> None:
     assert load_plan(str(tmp_path / "study.yaml")).points
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_mutated_study_is_planned_or_refused_in_words(name: str, tmp_path: Path) -> None:
     path = tmp_path / "study.yaml"

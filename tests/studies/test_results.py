@@ -47,7 +47,7 @@ def rows(directory: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_the_table_has_a_row_a_run_in_order(mixed: Path) -> None:
     found = rows(mixed)
     columns = ["run", "controller.gain", "spread.position", "seed", "status", *MEASURES]

@@ -59,7 +59,7 @@ def test_no_folder(tmp_path: Path) -> None:
         write_mp4(tmp_path / "missing" / "a.mp4", grey(3), 24)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("script", ["exit 1", SWALLOW, SHORT_OF_SPACE, "kill -9 $$"])
 def test_ffmpeg_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     ffmpeg = tmp_path / "ffmpeg"

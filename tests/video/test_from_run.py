@@ -67,7 +67,7 @@ def test_the_video_shows_whom_the_safety_filter_restrains(monkeypatch: pytest.Mo
     assert restrained > 10
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_a_film_read_from_a_file_in_pieces_is_that_of_the_data_in_memory(
     backend: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

@@ -80,7 +80,7 @@ def test_attitudes_go_the_shorter_way() -> None:
     np.testing.assert_allclose(same, 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.parametrize("speed", [0.02, 0.2, 30.0])
 @pytest.mark.parametrize("trail", [0.0, 0.3, 1.0, 1e6])
 def test_frames_and_trails_do_not_depend_on_how_they_are_read(speed: float, trail: float) -> None:
