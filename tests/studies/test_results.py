@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mjsheaf.results.metrics import MEASURES
@@ -181,8 +182,9 @@ def test_every_kind_of_study_is_drawn_and_legible(fields: dict[str, Any], failin
     assert drawn
     assert all(map(is_legible, drawn))
     for figure in drawn:
-        figure.canvas.draw()
-        picture = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        picture = np.asarray(canvas.buffer_rgba())[..., :3]
         assert min(picture.shape[:2]) > 400
         assert len(np.unique(picture)) > 20  # not blank
 
