@@ -82,7 +82,7 @@ def test_delay(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
     compare_with_runs(delay, "ideal", GAIN, terms=terms, links=links)
 
 
-@pytest.mark.slow(first=True)
+@pytest.mark.slow
 @pytest.mark.parametrize("terms", COMBINATIONS[::-1])
 @pytest.mark.parametrize("links", [ALIKE, {}])
 def test_bodies(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:

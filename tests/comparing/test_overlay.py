@@ -111,7 +111,7 @@ def test_a_longer_run_on_another_grid_is_compared_where_all_are(compared: RunsRe
     assert any("end at different times" in note for note in compared.notes)
 
 
-@pytest.mark.slow(first=True)
+@pytest.mark.slow
 def test_distances_are_those_of_agents_in_common(compared: RunsRecord) -> None:
     scenario = two_boats("hull", "hull")
     ideal, bodies = (mjsheaf.simulate(scenario, backend)["agent_position"].values for backend in ("ideal", "physics"))
