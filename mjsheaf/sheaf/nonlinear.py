@@ -422,7 +422,7 @@ class NonlinearSheaf:
         """Return the Jacobian H = D^T S D of `gradient`, shape (n, n)."""
         arrays = self._arrays
         slope = arrays.slope(arrays.D @ self.pack(x) + arrays.lift, arrays.desired)
-        return sparse.csr_array(arrays.pulled.T @ arrays.matrix(slope).tocsr() @ arrays.D)
+        return sparse.csr_array(arrays.pulled.T @ arrays.matrix(slope) @ arrays.D)
 
     def solver(self, boundary: Sequence[Hashable]) -> "StationarySolver":
         """Return what extends values on boundary vertices, in their order, for many of them."""
@@ -549,9 +549,11 @@ class _Arrays:
         borne = inverse[r] * (along[r] * across + g[r] * (desired[s] - along[s] * g[s]))
         return np.asarray(self.K + self.weight[r] * np.where(self.code[r] == 1, ranged, borne))
 
-    def matrix(self, blocks: Array) -> sparse.coo_array:
-        """Return the matrix of blocks (P,), shape (m, m)."""
-        return sparse.coo_array((blocks, tuple(self.pairs)), shape=(len(self.code),) * 2)
+    def matrix(self, blocks: Array) -> sparse.csr_array:
+        """Return the matrix of blocks (P,), shape (m, m); pairs are in the order of its rows."""
+        r, s = self.pairs
+        m = len(self.code)
+        return sparse.csr_array((blocks, s, np.searchsorted(r, np.arange(m + 1))), shape=(m, m))
 
     def product(self, blocks: Array, z: Array) -> Array:
         """Return the product of that matrix with a vector (m,)."""
@@ -700,12 +702,7 @@ class StationarySolver:
     def _jacobian(self, z: Array, desired: Array) -> sparse.csr_array | Array:
         """Return D^T S D, shape (n_W, n_W); see `_Arrays.slope`."""
         arrays = self.arrays
-        blocks = arrays.slope(z, desired)
-        if isinstance(self._moved, np.ndarray):
-            S = np.zeros((len(z), len(z)))
-            S[tuple(arrays.pairs)] = blocks
-            return np.asarray(self._pulled @ S @ self._moved)
-        return sparse.csr_array(self._pulled @ arrays.matrix(blocks).tocsr() @ self._moved)
+        return self._pulled @ self._form(arrays.matrix(arrays.slope(z, desired))) @ self._moved
 
     def _settled(self, x: Array) -> Settled:
         """Return x (n_W,) with its residual, and whether it is stationary."""

@@ -86,7 +86,7 @@ def settle(figure: Figure) -> None:
     if figure.get_layout_engine() is not None:
         lay_out(figure)
         with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
-            figure.set_layout_engine(None)  # none, unless the settings name one; with "none" savefig draws twice
+            figure.set_layout_engine(None)  # that of these settings, which is none; "none" makes savefig draw twice
 
 
 def lay_out(figure: Figure) -> None:

@@ -88,16 +88,17 @@ def test_each_goal_prepares_and_runs_its_tests(goal: str, prepares: bool, chosen
 
 def test_uv_looks_where_pip_does() -> None:
     settings_for_uv = runpy.run_path(str(REPOSITORY / "tools" / "install.py"))["settings_for_uv"]
-    listed = """\
-:env:.find-links='/wheels /more'
-global.constraint='/of/everybody.txt'
-global.extra-index-url='\\none\\ntwo'
-global.find-links='/not/these'
-global.index-url='everybody'
-global.timeout='60'
-install.index-url='mirror'
-download.index-url='elsewhere'
-"""
+    settings = [
+        (":env:", "find-links", "/wheels /more"),
+        ("global", "constraint", "/of/everybody.txt"),
+        ("global", "extra-index-url", "\none\ntwo"),
+        ("global", "find-links", "/not/these"),
+        ("global", "index-url", "everybody"),
+        ("global", "timeout", "60"),
+        ("install", "index-url", "mirror"),
+        ("download", "index-url", "elsewhere"),
+    ]
+    listed = "".join(f"{section}.{name}={value!r}\n" for section, name, value in settings)
     found = {
         "UV_INDEX_STRATEGY": "unsafe-best-match",
         "UV_DEFAULT_INDEX": "mirror",
