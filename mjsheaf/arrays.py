@@ -64,3 +64,9 @@ def mapped(function: Callable[[Any], Any], tree: Any) -> Any:
         return function(tree)
     make = getattr(type(tree), "_make", tuple)
     return make(mapped(function, part) for part in tree)
+
+
+def quaternions_of(heading: Array) -> Array:
+    """Return level attitudes (w, x, y, z), body to world, for headings (V,) in rad, shape (V, 4)."""
+    zero = np.zeros_like(heading)
+    return np.column_stack([np.cos(heading / 2.0), zero, zero, np.sin(heading / 2.0)])

@@ -49,9 +49,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray, firsts_of
+from mjsheaf.arrays import Array, IntArray, firsts_of, quaternions_of
 from mjsheaf.compile.jit import apart_jit, as_records, inline_jit, jit
-from mjsheaf.loop.engine import quaternions_of
 from mjsheaf.vectors import add, cross, product, row_product, subtract, to_body, to_world, triple, upward
 from mjsheaf.vehicles.actuators import (
     AZIMUTH,

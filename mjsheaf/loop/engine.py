@@ -199,12 +199,6 @@ def record_links(heard, y, log, k):
         log.measurements[k, i] = y[i]
 
 
-def quaternions_of(heading: Array) -> Array:
-    """Return level attitudes (w, x, y, z), body to world, for headings (V,) in rad, shape (V, 4)."""
-    zero = np.zeros_like(heading)
-    return np.column_stack([np.cos(heading / 2.0), zero, zero, np.sin(heading / 2.0)])
-
-
 def pieces_of(phases: Sequence[Phase], samples: int, end: int, first: int = 0) -> Iterator[tuple[System, int, int]]:
     """Cut a run, from sample `first` on, into pieces of at most `samples` samples and one phase each.
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, Room, lay_out
+from mjsheaf.arrays import Array, Room, lay_out, quaternions_of
 from mjsheaf.compile.jit import held, inline_jit, jit, pinned
 from mjsheaf.law.law import ControlArrays, Memory, Station, evaluate_law, keep_station, new_memory, no_station
 from mjsheaf.loop.engine import (
@@ -27,7 +27,6 @@ from mjsheaf.loop.engine import (
     Recorder,
     blow_up_message,
     new_log,
-    quaternions_of,
     record_links,
     record_vehicle,
 )

@@ -16,13 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsheaf.arrays import Array, BoolArray, lay_out
+from mjsheaf.arrays import Array, BoolArray, lay_out, quaternions_of
 from mjsheaf.compile.jit import held
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.law import ControlArrays
 from mjsheaf.law.law import no_station
 from mjsheaf.loop.bodies import pack_fleet
-from mjsheaf.loop.engine import quaternions_of
 from mjsheaf.loop.loop import AUTOPILOT, Params, controlled_positions, new_loop
 from mjsheaf.loop.mujoco_engine import evaluate_forces, mujoco_arrays
 from mjsheaf.media import FlowField

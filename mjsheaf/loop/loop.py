@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped
+from mjsheaf.arrays import Array, IntArray, Room, lay_out, mapped, quaternions_of
 from mjsheaf.compile.jit import held, inline_jit, pinned
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller
@@ -23,7 +23,6 @@ from mjsheaf.loop.engine import (
     Recorder,
     blow_up_message,
     new_log,
-    quaternions_of,
     record_links,
     record_vehicle,
 )
