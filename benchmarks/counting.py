@@ -1,4 +1,4 @@
-"""How many operations the fused engine's step takes: its own functions, run on numbers that count.
+"""Count the operations of the fused engine's step, by running its own functions on numbers that count.
 
 With NUMBA_DISABLE_JIT=1 in the environment the interpreter runs what is otherwise compiled. As a program this reads a
 pickled loop and its RIGIDs, and prints what `count` returns, as JSON.
@@ -102,7 +102,7 @@ _number = np.frompyfunc(Number, 1, 1)
 
 
 def counting(value: Any) -> Any:
-    """The same of numbers that count: of floats, arrays, records and tuples of them."""
+    """Return floats, or arrays, records and tuples of them, as numbers that count."""
     if isinstance(value, tuple):
         return getattr(value, "_make", type(value))(map(counting, value))
     if isinstance(value, float):
@@ -113,7 +113,7 @@ def counting(value: Any) -> Any:
 
 
 def _records(values: NDArray[np.void]) -> Any:
-    """Records of such numbers, whose fields are attributes too, as in compiled code."""
+    """Return records of numbers that count, whose fields are attributes too, as in compiled code."""
     fields: Any = values.dtype.fields
     types = {name: ("O" if of[0].base.kind == "f" else of[0].base, of[0].shape) for name, of in fields.items()}
     made = np.zeros(len(values), [(name, *of) for name, of in types.items()])
@@ -123,7 +123,7 @@ def _records(values: NDArray[np.void]) -> Any:
 
 
 def touched(loop: Loop) -> int:
-    """Bytes of a vehicle that a step reads or writes, were none of them in a cache."""
+    """Return the bytes of a vehicle that a step would read and write without a cache."""
     params, state = loop
     medium, bodies = params.medium, params.fleet.bodies
     read = [*medium.harmonics, bodies, state.memory.command, params.helm, medium.planar, medium.rows]
@@ -132,7 +132,7 @@ def touched(loop: Loop) -> int:
 
 
 def count(loop: Loop, motion: NDArray[np.void]) -> dict[str, dict[str, float]]:
-    """Operations of a vehicle and step by kind: of the step itself, and of its share of the law."""
+    """Count the operations of a vehicle and step by kind: those of the step itself, and of its share of the law."""
     V, nothing = len(loop.params.fleet.bodies), Log(*[np.empty((0, 0, 0))] * (len(Log._fields) - 1))
     ours, moved, found = counting(loop), counting(motion), {}
     counted.clear()

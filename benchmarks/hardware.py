@@ -1,4 +1,4 @@
-"""What this processor could do with the fused engine's step, had it no other limit: arithmetic, or memory."""
+"""Compare the fused engine's step with the limits of this processor: its arithmetic and its memory."""
 
 import json
 import os
@@ -22,7 +22,7 @@ _SIZE, _FEW, _SETTLE = 1000, 8, 400  # vehicles timed and counted, and physics s
 
 @one_thread
 def hardware(short: bool = False) -> list[Row]:
-    """One core: a vehicle's step as it is, and as arithmetic or memory alone would have it.
+    """Measure a vehicle's step on one core, next to the time that arithmetic or memory alone would take.
 
     Operations are counted as they are written, by running the step's functions on numbers that count: sums, products,
     quotients, roots and library functions, each as one. The core's best rate is that of a product of large matrices,
@@ -56,10 +56,10 @@ def _settled(size: int) -> Fused:
 
 
 def operations(bodies: Fused) -> dict[str, dict[str, float]]:
-    """What `counting.count` says of a fused run as it stands.
+    """Count the operations of a fused run in its present state; see `counting.count`.
 
     Raises:
-        MjsheafError: the process that counts failed.
+        MjsheafError: The process that counts failed.
     """
     done = subprocess.run(
         [sys.executable, str(Path(counting.__file__))],

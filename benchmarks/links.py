@@ -1,6 +1,6 @@
-"""What `check` predicts of links against what runs do: `python benchmarks/links.py` prints the table in docs/claims.md.
+"""Compare what `check` predicts of links with runs: `python benchmarks/links.py` prints the table in docs/claims.md.
 
-All on ideal kinematics, of the published run and of variants of it. Takes about a minute.
+The published run and variants of it, on ideal kinematics. Takes about a minute.
 """
 
 from typing import Any
@@ -17,20 +17,20 @@ TOGETHER = {f"targets.{k}.position": [40.0, 5.0, -40.0] for k in range(4)} | {"f
 
 
 def links(changes: dict[str, Any]) -> dict[str, dict[str, float]]:
-    """What `check` says of links."""
+    """Return the links part of the record of `check`."""
     answers: dict[str, dict[str, float]] = mjsheaf.check(mjsheaf.load_scenario("paper", changes), trial=False)["links"]
     return answers
 
 
 def run(changes: dict[str, Any]) -> tuple[bool, np.ndarray, np.ndarray]:
-    """Whether it finished; |q* - q| by sample and agent, m, as vectors; commands, m/s."""
+    """Run; return True if it finished, q* - q by sample and agent, m, and commands, m/s."""
     data = mjsheaf.simulate(mjsheaf.load_scenario("paper", changes), backend="ideal")
     error = data["harmonic_extension"].values - data["agent_position"].values
     return data.attrs["status"] == "finished", error[..., :2], data["velocity_command"].values[..., :2]
 
 
 def delay(changes: dict[str, Any]) -> tuple[float, float]:
-    """Largest stable delay, s: predicted, and the last with which |e| falls from the middle of a run to its end."""
+    """Return the largest stable delay, s, predicted and found: the last for which |e| falls in a run's second half."""
     predicted, periods, falls = links(changes)["delay"]["margin"], -1, True
     while falls:
         periods += 1

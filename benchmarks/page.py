@@ -1,4 +1,4 @@
-"""Frames a second of pages in headless Chromium without a graphics card: the median over ten seconds of playing.
+"""Measure the frames per second of pages in headless Chromium without a GPU: the median over ten seconds of playing.
 
     python benchmarks/page.py runs/paper-physics/report.html ...
 

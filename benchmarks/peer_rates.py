@@ -1,4 +1,4 @@
-"""Vehicle-steps per second of peers, by the Python that runs this file: `PYTHON peer_rates.py SIZE... [--short]`.
+"""Measure vehicle-steps per second of peers, by the Python that runs this file: `PYTHON peer_rates.py SIZE... [--short]`.
 
 It prints one JSON object, of those that can be imported, by name and number of vehicles, and needs nothing of mjsheaf:
 most peers want other versions of its libraries, and live in environments of their own. Each runs its own closed loop:
@@ -22,7 +22,7 @@ geoms, in Python, and was not ready after twenty minutes."""
 
 
 def crazyflow_rate(size: int, repetitions: int, device: str = "cpu", largest: int = MOST_IN_A_WORLD) -> float:
-    """Vehicle-steps per second of crazyflow on a device of JAX: hover in still air by position commands.
+    """Measure vehicle-steps per second of crazyflow on a device of JAX: hover in still air by position commands.
 
     More drones than `largest` are in several worlds, of as many each.
     """
@@ -50,7 +50,7 @@ def crazyflow_rate(size: int, repetitions: int, device: str = "cpu", largest: in
 
 
 def gym_pybullet_drones_rate(size: int, repetitions: int) -> float:
-    """Vehicle-steps per second of gym-pybullet-drones: hover by its PID controllers, contacts on."""
+    """Measure vehicle-steps per second of gym-pybullet-drones: hover by its PID controllers, contacts on."""
     from gym_pybullet_drones.control.DSLPIDControl import DSLPIDControl
     from gym_pybullet_drones.envs.CtrlAviary import CtrlAviary
     from gym_pybullet_drones.utils.enums import DroneModel, Physics
@@ -94,7 +94,7 @@ LARGEST = {"crazyflow": 1000, "gym_pybullet_drones": 100}
 
 
 def _rate(size: int, work: Callable[[], Any], steps: int, repetitions: int) -> float:
-    """Vehicle-steps per second by the wall's clock, the best of many, as peers have threads of their own."""
+    """Return vehicle-steps per second by the clock, the best of many, as peers have threads of their own."""
     begun = perf_counter()
     work()  # compiles
     while perf_counter() - begun < 0.2:

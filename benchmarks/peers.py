@@ -22,20 +22,20 @@ PEERS = {
     "gym_pybullet_drones": {13: 2.5e4, 100: 2.5e4},
 }
 """Vehicle-steps per second of crazyflow 0.4.0 and gym-pybullet-drones 2.1 on a machine of two cores without a GPU, by
-number of vehicles: for where they cannot be measured beside ours."""
+number of vehicles, for use where they cannot be measured in the same run."""
 
 _OVER_PEERS = {
     ("mujoco", "crazyflow"): {13: 4.0, 100: 1.0},
     ("fused", "crazyflow"): {13: 10.0, 100: 4.0, 1000: 2.5},
     ("mujoco", "gym_pybullet_drones"): {13: 40.0, 100: 40.0},
 }
-"""How many times as fast ours are wanted to be."""
+"""Required ratio of our speed to theirs."""
 
 
 def _quadrotors(size: int) -> Scenario:
-    """So many quadrotors, of which one is followed, in wind: 500 physics steps and 100 commands a second.
+    """Return a scenario of `size` quadrotors in wind, one of which the others follow.
 
-    No disturbance, as peers have none.
+    500 physics steps and 100 commands a second; no disturbance, as peers have none.
     """
     rates = {"physics__timestep": 0.002, "controller__control_period": 0.01}
     return swarm(size - 1, "quadrotor", **rates, disturbance__agents__bound=0.0)
@@ -44,15 +44,15 @@ def _quadrotors(size: int) -> Scenario:
 def peers(
     short: bool = False, sizes: tuple[int, ...] = (13, 100, 1000, 10_000), python: str | None = None
 ) -> list[Row]:
-    """Vehicle-steps per second of a closed loop, beside what others reach: quadrotors that follow another in wind.
+    """Measure vehicle-steps per second of a closed loop and of peers: quadrotors that follow another in wind.
 
     Each simulator runs its own loop with its own controller on: 500 physics steps and 100 commands a second of ours and
     of crazyflow, 240 and 48 of gym-pybullet-drones. Peers and the fused engine may use every core, MuJoCo's one.
 
     Args:
-        short: without MuJoCo's largest teams, and with fewer repetitions.
-        sizes: numbers of vehicles.
-        python: that has peers installed, which are measured before ours; None takes this one.
+        short: True to leave out MuJoCo's largest teams, with fewer repetitions.
+        sizes: Numbers of vehicles.
+        python: Python that has peers installed, which are measured before ours; None takes this one.
     """
     count, repetitions = usable_processors(), 5 if short else 20
     known = {

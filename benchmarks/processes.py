@@ -21,7 +21,7 @@ mjsheaf.simulate(scenario, backend={backend!r})
 print(perf_counter() - begun)
 """
 
-# Linux counts the memory of whoever starts a process as that process's own: this small one starts it.
+# Linux counts the memory of the parent process as that of a new one, so a small process starts it.
 _STARTER = """
 import os, subprocess, sys
 process = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -32,10 +32,10 @@ print(process.returncode, usage.ru_maxrss)
 
 
 def _python(*arguments: str, **environment: str) -> str:
-    """What a Python process prints.
+    """Run a Python process and return what it prints.
 
     Raises:
-        MjsheafError: it failed.
+        MjsheafError: It failed.
     """
     done = subprocess.run(
         [sys.executable, *arguments], capture_output=True, text=True, env={**os.environ, **environment}, check=False
@@ -46,15 +46,15 @@ def _python(*arguments: str, **environment: str) -> str:
 
 
 def startup(short: bool = False) -> list[Row]:
-    """Whole processes by the wall, and first simulations in them, whose kernels an earlier process compiled.
+    """Measure whole processes by the clock, and first simulations in them, whose loops an earlier process compiled.
 
-    The short version leaves compiling out.
+    The short version does not measure compiling.
     """
     rows = []
     for option in ("--help", "--version"):
         seconds = best(lambda option=option: _python("-m", "mjsheaf", option), 5 if short else 15)  # type: ignore[misc]
         what, wanted = f"mjsheaf {option}, s", WANTED["startup"]
-        rows.append(at_most("startup", what, seconds, wanted, seconds / wanted, 1.0, "wanted time"))
+        rows.append(at_most("startup", what, seconds, wanted, seconds / wanted, 1.0, "required time"))
     for backend in ("ideal", "physics"):
         code = _FIRST_RUN.format(backend=backend)
         _python("-c", code)  # compiles where no earlier process has
@@ -68,11 +68,11 @@ def startup(short: bool = False) -> list[Row]:
 
 
 def memory(short: bool = False, ends: tuple[float, float] | None = None) -> list[Row]:
-    """Peak resident memory of `mjsheaf run midpoint`, 50 samples a second, in a process of its own.
+    """Measure the peak resident memory of `mjsheaf run midpoint`, 50 samples a second, in a process of its own.
 
     Args:
-        short: runs of 200 and 2,000 s on ideal kinematics alone instead of 1,000 and 10,000 s on both backends.
-        ends: other ends of the two runs, s.
+        short: True for runs of 200 and 2,000 s on ideal kinematics alone, not 1,000 and 10,000 s on both backends.
+        ends: Other ends of the two runs, s.
     """
     ends = ends or ((200.0, 2000.0) if short else (1000.0, 10000.0))
     rows = []
@@ -85,10 +85,10 @@ def memory(short: bool = False, ends: tuple[float, float] | None = None) -> list
 
 
 def peak_of(backend: str, end: float, *options: str) -> float:
-    """Peak resident memory of one run of `midpoint` to time `end`, s, in MB; without video unless options are given.
+    """Return the peak resident memory of a run of `midpoint` to time `end`, s, in MB; without options, with no video.
 
     Raises:
-        MjsheafError: the run failed.
+        MjsheafError: The run failed.
     """
     with tempfile.TemporaryDirectory() as folder:
         where = ["--backend", backend, "--out", str(Path(folder) / "run")]
@@ -101,17 +101,17 @@ def peak_of(backend: str, end: float, *options: str) -> float:
 
 
 def video(short: bool = False, end: float | None = None) -> list[Row]:
-    """What `run --video` takes beside drawing the same frames with a bare `mujoco.Renderer`, and what a draft takes.
+    """Measure `run --video` next to drawing the same frames with a bare `mujoco.Renderer`, and a draft.
 
     The bare renderer draws the same model from the same states with the same camera, size and multisampling, without
-    shadows and reflections as ours. It draws no decoration and no writing, and encodes nothing. The run is `paper` on
+    shadows and reflections as ours. It draws no symbols and no text, and encodes nothing. The run is `paper` on
     bodies, 1280x720 at 30 frames a second, in a process that has everything imported and compiled: MuJoCo's renderer
     takes the variable MUJOCO_GL when it is imported.
 
     Args:
-        short: the run's first 10 s instead of all 50 s. What does not depend on the length (plots, an arena, a film)
-            then weighs more.
-        end: another end of the run, s.
+        short: True for the run's first 10 s instead of all 50 s. What does not depend on the length (plots, an arena, a
+            model for the video) then weighs more.
+        end: Another end of the run, s.
     """
     from mjsheaf.video.gl import available_backend
 
