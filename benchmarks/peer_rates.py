@@ -1,4 +1,4 @@
-"""Measure vehicle-steps per second of peers, by the Python that runs this file: `PYTHON peer_rates.py SIZE... [--short]`.
+"""Measure vehicle-steps per second of peers, by this file alone: `PYTHON peer_rates.py SIZE... [--short]`.
 
 It prints one JSON object, of those that can be imported, by name and number of vehicles, and needs nothing of mjsheaf:
 most peers want other versions of its libraries, and live in environments of their own. Each runs its own closed loop:
