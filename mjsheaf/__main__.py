@@ -1,6 +1,17 @@
-"""`python -m mjsheaf`, the same as the command."""
+"""The command `mjsheaf`, also `python -m mjsheaf`."""
 
-from mjsheaf.cli import main
+import sys
+
+
+def start() -> None:
+    """Run the command line and exit."""
+    try:
+        from mjsheaf.cli import main
+    except KeyboardInterrupt:  # as libraries are loaded, before `stoppable`
+        sys.stderr.write("mjsheaf: interrupted; nothing was written\n")
+        sys.exit(130)
+    main()
+
 
 if __name__ == "__main__":
-    main()
+    start()

@@ -392,6 +392,20 @@ def test_signal_stops_a_film_and_keeps_the_old_one(number: signal.Signals, code:
     assert {p.name: p.read_bytes() for p in run.iterdir()} == before
 
 
+def test_an_interrupt_while_libraries_are_loaded_is_one_line() -> None:
+    script = (
+        "import os, signal, sys\n"
+        "class Slow:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'typer':\n            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Slow())\n"
+        "from mjsheaf.__main__ import start\nstart()"
+    )
+    done = python(script)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert one_line(done.stderr, "interrupted", "nothing was written")
+
+
 def test_signal_that_was_lost_stops_the_work_at_the_next_report() -> None:
     script = (
         "import gc, os, signal\nfrom mjsheaf.cli import tools, main\nfrom mjsheaf.cli.options import progress_bars\n"
