@@ -105,7 +105,9 @@ def camera_path(
     bounds = np.concatenate([_bounds(block, rotation, slopes) for block in points])
     # A ball touches a side's plane if its centre is a radius away from it, measured at right angles.
     bounds[:, :4] += radius * np.sqrt(1 + slopes**2)
-    left, right, bottom, top = (_smooth_above(bound, window) for bound in bounds[:, :4].T)
+    # Smooth curves that are nowhere below the bounds: of the largest nearby.
+    largest = maximum_filter1d(bounds[:, :4], 2 * window + 3, axis=0, mode="nearest")
+    left, right, bottom, top = (_smooth(bound, window) for bound in largest.T)
     middle = _smooth((bounds[:, 4] - bounds[:, 5]) / 2, window)
 
     # e_z: as far back as the tighter of the two pairs of sides requires; the other pair shares its room equally.
@@ -126,11 +128,6 @@ def _bounds(points: Array, rotation: Array, slopes: Array) -> Array:
     left, right, bottom, top = slopes
     asked = (-x - left * z, x - right * z, -y - bottom * z, y - top * z, z, -z)
     return np.stack([values.max(axis=1) for values in asked], axis=1)
-
-
-def _smooth_above(values: Array, window: int) -> Array:
-    """Return a smooth curve that is nowhere below the values or the ones just before. Shape (F,)."""
-    return _smooth(maximum_filter1d(values, 2 * window + 3, mode="nearest"), window)
 
 
 def _smooth(values: Array, window: int) -> Array:
