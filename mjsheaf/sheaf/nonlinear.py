@@ -702,7 +702,7 @@ class StationarySolver:
     def _jacobian(self, z: Array, desired: Array) -> sparse.csr_array | Array:
         """Return D^T S D, shape (n_W, n_W); see `_Arrays.slope`."""
         arrays = self.arrays
-        return self._pulled @ self._form(arrays.matrix(arrays.slope(z, desired))) @ self._moved
+        return self._pulled @ (arrays.matrix(arrays.slope(z, desired)) @ self._moved)
 
     def _settled(self, x: Array) -> Settled:
         """Return x (n_W,) with its residual, and whether it is stationary."""

@@ -28,6 +28,7 @@ from mjsheaf.sheaf.nonlinear import (
     linear_sheaf,
 )
 from mjsheaf.team.edges import GROUND, Anchor, Edge, Explicit, Formation, LinearEdge, Member, Slope, require_ends
+from mjsheaf.threads import one_thread
 
 _GROUND = Member(GROUND, 0)
 _COINCIDENT = 1e-9  # m, between places of a formation
@@ -569,6 +570,7 @@ class Shapes:
         """Solver with targets and ground held. Each path has a copy, because a solver stores its last factorisation."""
         return self._team.nonlinear_sheaf.solver([*self._team.target_ids, GROUND])
 
+    @one_thread
     def extend(self, p: Array, q: Array, path: Path, desired: Array | None = None) -> Array:
         """Return q* (..., n_q) of targets at p (..., n_p), near agents at q (..., n_q), m; it continues the path.
 

@@ -79,17 +79,29 @@ def test_what_is_too_badly_conditioned_is_said(monkeypatch: pytest.MonkeyPatch) 
         path.harmonic_extension({0: 1.0})
 
 
+EXTENSIONS = """
+import hashlib, itertools, numpy as np
+from tests.builders import build_scenario, bundle_on_a_grid
+
+def show(x):
+    print(hashlib.sha256(x.tobytes()).hexdigest())
+
+for side in (40, 80):
+    found = bundle_on_a_grid(side)[0].harmonic_extension({0: [1, 2, 3], 700: [3, 2, 1]})
+    show(np.concatenate(list(found.x.values())))
+agents = {f"A{i}": place for i, place in enumerate(np.random.default_rng(1).uniform(-20, 20, (40, 2)).tolist())}
+ranges = [{"between": pair, "measures": "range"} for pair in itertools.combinations(agents, 2)]
+ring = {"name": "ring", "shape": "polygon", "radius": 10, "members": list(agents)}
+sensing = [["A0", "T"], ["A1", "T"]]
+team = build_scenario(agents, {"T": [1, 2]}, sensing, communication=ranges, formations=[ring]).team
+show(team.extend(np.array([1.0, 2.0]), np.concatenate(list(agents.values()))))
+"""
+
+
 @pytest.mark.long
 def test_the_bits_do_not_depend_on_the_number_of_threads() -> None:
-    """Of an extension by conjugate gradients and of one by a factor."""
-    program = (
-        "import hashlib, numpy as np\n"
-        "from tests.builders import bundle_on_a_grid\n"
-        "for side in (40, 80):\n"
-        "    found = bundle_on_a_grid(side)[0].harmonic_extension({0: [1, 2, 3], 700: [3, 2, 1]})\n"
-        "    print(hashlib.sha256(np.concatenate(list(found.x.values())).tobytes()).hexdigest(), found.energy)\n"
-    )
+    """Of an extension by conjugate gradients, of one by a factor, and of q* where all agents measure all ranges."""
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
-    runs = [python(program, None, **dict.fromkeys(names, threads)) for threads in ("1", "2")]
-    assert [run.returncode for run in runs] == [0, 0]
-    assert runs[0].stdout == runs[1].stdout
+    one, two = (python(EXTENSIONS, None, **dict.fromkeys(names, threads)) for threads in ("1", "2"))
+    assert (one.returncode, one.stdout.count("\n")) == (0, 3), one.stderr
+    assert one.stdout == two.stdout
