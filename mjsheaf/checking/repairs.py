@@ -568,7 +568,7 @@ def rigidity_of(system: System, original: Team, *, nothing: float = 1e-9) -> Rig
         every.append(x @ turn / size)
     every.append(x / size)
     motions = np.array([motion.reshape(-1) for motion in every])[:, team.slots[:n]].T
-    _, singular, combinations = np.linalg.svd(D @ motions)
+    _, singular, combinations = np.linalg.svd(np.linalg.qr(D @ motions, mode="r"))
     seen = int(np.count_nonzero(singular > max(nothing, tolerance) * np.sqrt(len(D))))
     # One agent has no turn and no scale.
     unseen = linalg.orth(motions @ combinations[seen:].T, rcond=nothing)
