@@ -504,11 +504,15 @@ class SecondMoments:
         self._L = L
         self._around = sparse.csr_array(C)
         self._back = sparse.csr_array(L)
-        self._lost = sparse.csr_array((of[:, None] == of) * (p * (1.0 - p))[of])
+        rows = sparse.csr_array((np.ones(len(of)), (np.arange(len(of)), of)))
+        self._pairs = sparse.coo_array(rows @ rows.T).coords  # of numbers of one edge
+        self._others = self._around[self._pairs[1]]
+        self._variance = (p * (1.0 - p))[of[self._pairs[0]]]
 
     def _apply(self, X: Array) -> Array:
         """Return the moments a period after X, shape (n, n)."""
-        lost = self._lost.multiply((self._around @ X) @ self._around.T)
+        seen = self._others.multiply((self._around @ X)[self._pairs[0]]).sum(axis=1)
+        lost = sparse.csr_array((self._variance * seen, self._pairs), shape=(len(self._arrives),) * 2)
         return np.asarray(self._mean @ X @ self._mean.T + (self._back @ lost @ self._back.T).toarray())
 
     @property
