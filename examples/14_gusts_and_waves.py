@@ -24,7 +24,7 @@ velocity = medium.velocity("H1", times, [14.0, 4.0, 9.0]) - wind
 direction, speed = gusts.wind(wind)
 along, left = direction, np.array([-direction[1], direction[0]])
 parts = np.column_stack([velocity[:, :2] @ along, velocity[:, :2] @ left, velocity[:, 2]])
-sigma, lengths = gusts.scales(9.0)
+sigma, lengths = gusts.intensities(9.0), gusts.decay_lengths(9.0)
 print("standard deviations, m/s:", parts.std(axis=0).round(2), " theory:", sigma.round(2))
 
 figure, ((correlation, frozen), (gust_spectrum, spectrum)) = plt.subplots(2, 2, figsize=(9, 7), layout="constrained")
