@@ -184,11 +184,15 @@ def _quarters(values: Array) -> list[Array]:
 
 
 def _mean(quarter: Array) -> tuple[float, bool]:
-    """Return the mean of a quarter over its whole periods, or over all of it without one, and True for the former."""
+    """Return the mean of a quarter over its whole periods, or over all of it without one, and True for the former.
+
+    What a quarter does about its trend is no oscillation if it is smaller: the mean of a part would be far off.
+    """
     trend = np.linspace(-0.5, 0.5, len(quarter))
-    level = quarter - quarter.mean() - 12.0 * (trend @ quarter) / len(quarter) * trend
+    rise = 12.0 * (trend @ quarter) / len(quarter)
+    level = quarter - quarter.mean() - rise * trend
     rising = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
-    if len(rising) < 2:
+    if len(rising) < 2 or abs(rise) > np.ptp(level):
         return float(quarter.mean()), False
     return float(quarter[rising[0] : rising[-1]].mean()), True
 

@@ -36,6 +36,7 @@ Curve = Callable[[Any], Any]
         ("not settled", lambda t: 100 - 0.01 * t),
         ("not settled", np.sqrt),
         ("not settled", lambda t: 1 / (1 + t)),
+        ("not settled", lambda t: 13 * (1 - np.exp(-2 * t)) + 0.1 * np.sin(40 * t)),  # small next to the rise
         ("diverging", lambda t: 1 + t),
         ("diverging", lambda t: np.exp(3 * t)),
         ("diverging", lambda t: np.exp(-9 * t) + t**3),
