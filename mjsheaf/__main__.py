@@ -8,7 +8,7 @@ def start() -> None:
     try:
         from mjsheaf.cli import main
     except KeyboardInterrupt:  # as libraries are loaded, before `stoppable`
-        sys.stderr.write("mjsheaf: interrupted; nothing was written\n")
+        print("mjsheaf: interrupted; nothing was written", file=sys.stderr)
         sys.exit(130)
     main()
 

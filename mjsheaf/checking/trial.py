@@ -440,10 +440,10 @@ def _circling(system: System, last: xr.Dataset) -> Iterator[TrialProblem]:
     q_star = np.nan_to_num(last["harmonic_extension"].values)
     offsets = q_star - np.nan_to_num(last["agent_position"].values)
     time = last["time"].values
-    each = [(q_star[:, [i]], offsets[:, [i]]) for i in range(offsets.shape[1])]
-    swing = np.array([swing_at_end(own) for _, own in each])
+    each = [offsets[:, [i]] for i in range(offsets.shape[1])]
+    swing = np.array([swing_at_end(own) for own in each])
     failed = np.array(
-        [undecayed_swing(own, _FAR_BY) is not None and is_unexplained(system, time, q, own) for q, own in each]
+        [undecayed_swing(own, _FAR_BY) is not None and is_unexplained(system, time, q_star, own) for own in each]
     )
     words = (
         "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and neither noise "

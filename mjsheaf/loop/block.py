@@ -513,10 +513,10 @@ def _act(kind, thrusters, lanes, b, effort, activation, own):
         if own is not None:
             along, about = unit_wrench(thrusters, j, own)  # before the angle that comes next
         if channel.late:  # no branch and no masked store in the loops over lanes
-            held = activation[channel.state]
+            row = activation[channel.state]
             for i in range(lanes):
-                f, after = actuator_force(channel, True, effort[j, i], held[i])
-                held[i] = after
+                f, after = actuator_force(channel, True, effort[j, i], row[i])
+                row[i] = after
                 _push(b, i, effort[j, i], f, along, about)
         else:
             for i in range(lanes):

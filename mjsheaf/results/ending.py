@@ -29,6 +29,7 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
+from scipy.signal import detrend
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.loop.system import Phase, System, phases_of
@@ -46,7 +47,9 @@ _LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # largest relative difference of t
 _STEADY_SWING = 0.05  # largest relative difference in amplitude of two quarters that is neither growth nor decay
 _FAINT_SWING = 1e-4  # smallest amplitude of an oscillation, relative to the range of the error
 _MIN_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation from a drift
-_STILL_SHARE = 0.01  # largest amplitude of q* that counts as rest, relative to the amplitude of the errors
+# A mode of the law passes on at most the motion of q* at each frequency, and a loop at 0.8 of its largest gain about
+# four times that. So q* does not explain an oscillation larger than this factor times its own about a straight line.
+_MAX_OF_Q_STAR = 5.0
 # Noise of a standard deviation s moves a mode of the law by s sqrt(k h / (2 - k h lambda)) RMS, with lambda its
 # eigenvalue of H, for maps and weights of size 1. That is less than s, unless the gain is near its limit. So noise does
 # not explain an oscillation larger than this factor times s, over all axes of an agent.
@@ -87,8 +90,8 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     Args:
         system: System of the phase.
         time: Sample times, shape (T,), s.
-        q_star: q* of the agents, shape (T, N, 3), m.
-        offsets: Offset of every agent from its q*, shape (T, N, 3), m.
+        q_star: q* of all agents, shape (T, N, 3), m.
+        offsets: Offset of every agent, or of some, from its q*, shape (T, n, 3), m.
     """
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
@@ -100,8 +103,9 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     half_period = float(time[-1] - time[-len(quarter)]) / max(_reversals(quarter), 1)
     disturbance = float(system.largest_disturbance[: len(system.team.agents)].max(initial=0.0))
     swing = _swing(quarter)
-    explained = max(_MAX_OF_NOISE * noise, _MAX_OF_DISTURBANCE * disturbance * half_period / np.pi)
-    return swing_at_end(q_star) <= _STILL_SHARE * swing and swing > explained
+    of_q_star = float(np.linalg.norm(detrend(_quarters(q_star)[-1], axis=0).std(axis=0)))  # of the team, for any agent
+    explained = _MAX_OF_NOISE * noise, _MAX_OF_DISTURBANCE * disturbance * half_period / np.pi
+    return swing > max(*explained, _MAX_OF_Q_STAR * of_q_star)
 
 
 def judge(error: Array, offsets: Array | None = None) -> Ending | None:
@@ -186,14 +190,14 @@ def _quarters(values: Array) -> list[Array]:
 def _mean(quarter: Array) -> tuple[float, bool]:
     """Return the mean of a quarter over its whole periods, or over all of it without one, and True for the former.
 
-    What a quarter does about its trend is no oscillation if it is smaller: the mean of a part would be far off.
+    If the rise of the trend exceeds the range of the rest, the whole quarter is averaged: that of a part is far off.
     """
     trend = np.linspace(-0.5, 0.5, len(quarter))
     rise = 12.0 * (trend @ quarter) / len(quarter)
     level = quarter - quarter.mean() - rise * trend
     rising = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
     if len(rising) < 2 or abs(rise) > np.ptp(level):
-        return float(quarter.mean()), False
+        return float(quarter.mean()), len(rising) >= 2
     return float(quarter[rising[0] : rising[-1]].mean()), True
 
 

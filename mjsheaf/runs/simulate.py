@@ -16,7 +16,7 @@ from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.progress import shown
 from mjsheaf.results.dataset import in_pieces, make_datasets
 from mjsheaf.scenario import Scenario
-from mjsheaf.threads import usable_processors
+from mjsheaf.threads import one_thread, usable_processors
 
 
 def simulate(
@@ -66,6 +66,7 @@ def simulate(
     return dataset
 
 
+@one_thread  # of linear algebra, whose number is the process's: a run that ends would restore it for the others
 def simulate_many(
     scenarios: Iterable[Scenario],
     backend: str = "physics",

@@ -105,7 +105,7 @@ def camera_path(
     bounds = np.concatenate([_bounds(block, rotation, slopes) for block in points])
     # A ball touches a side's plane if its centre is a radius away from it, measured at right angles.
     bounds[:, :4] += radius * np.sqrt(1 + slopes**2)
-    # Smooth curves that are nowhere below the bounds: of the largest nearby.
+    # The largest bound nearby is smoothed: such a curve is nowhere below the bounds, or the ones just before.
     largest = maximum_filter1d(bounds[:, :4], 2 * window + 3, axis=0, mode="nearest")
     left, right, bottom, top = (_smooth(bound, window) for bound in largest.T)
     middle = _smooth((bounds[:, 4] - bounds[:, 5]) / 2, window)

@@ -20,7 +20,7 @@ from tests.running import analyse
 from tests.strategies import cases
 
 MISSIONS = 300
-MAX_CONTRADICTED = 0.2
+MAX_CONTRADICTED = 0.15
 """Fraction of the missions OK by analysis alone whose runs may fail, which the trial then shows: agents that the safety
 filter keeps from their places, and boats that do not turn round for little. It was 13 % of one seed."""
 MAX_FALSE_ALARMS = 0.1

@@ -4,10 +4,12 @@ import threading
 
 import pytest
 import xarray as xr
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from mjsheaf import simulate, simulate_many
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.scenario import Scenario
+from mjsheaf.threads import one_thread
 from tests.builders import bits, mixed_scenario, refused
 
 DISTURBED = {"agents": {"bound": 0.5}, "targets": {"bound": 0.3}}
@@ -29,6 +31,20 @@ def test_threads_give_the_bits_of_one_by_one(backend: str) -> None:
             assert isinstance(result, xr.Dataset)
             assert result.identical(own)
     assert len({bits(result)["agent_position"] for result in alone}) == len(scenarios)
+
+
+def test_linear_algebra_has_one_thread_until_the_last_run_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The number is the process's, and its bits depend on it."""
+    seen: list[set[int]] = []
+
+    def solve(*_: object, **__: object) -> None:
+        one_thread(lambda: None)()  # as a run does that ends before the others
+        seen.append({each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"})
+
+    monkeypatch.setattr("mjsheaf.runs.simulate.simulate", solve)
+    with threadpool_limits(2, "blas"):
+        simulate_many(runs(), workers=4)
+    assert seen == [{1}] * 4
 
 
 def test_runs_on_the_fused_engine_are_those_alone() -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 from scipy import sparse
-from scipy.linalg import block_diag, schur
+from scipy.linalg import schur
 from scipy.sparse.linalg import ArpackError, LinearOperator, cg, eigs, eigsh, gmres
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
@@ -504,8 +504,8 @@ class SecondMoments:
         self._L = L
         self._around = sparse.csr_array(C)
         self._back = sparse.csr_array(L)
-        rows = sparse.csr_array((np.ones(len(of)), (np.arange(len(of)), of)))
-        self._pairs = sparse.coo_array(rows @ rows.T).coords  # of numbers of one edge
+        rows = sparse.csr_array((np.ones(len(of)), (np.arange(len(of)), of)), shape=(len(of), len(p)))
+        self._pairs = sparse.coo_array(rows @ rows.T).coords  # rows and columns of the numbers of each edge
         self._others = self._around[self._pairs[1]]
         self._variance = (p * (1.0 - p))[of[self._pairs[0]]]
 
@@ -528,7 +528,8 @@ class SecondMoments:
         """
         if not self.factor[0] < 1.0:
             raise UndecidedError("the loop is unstable")
-        X = self._solve(self._L * self._arrives @ block_diag(*self._law.links.noise) @ self._L.T)
+        noise = sparse.block_diag(self._law.links.noise)
+        X = self._solve((self._back @ (sparse.diags_array(self._arrives) @ noise) @ self._back.T).toarray())
         command = 2.0 * (X - self._mean @ X)  # of h u = e_k - e_{k+1}
         vectors = self._law.vectors
         n = vectors.shape[1]
