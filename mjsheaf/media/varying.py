@@ -70,9 +70,11 @@ def sine(x):
 @inline_jit
 def evaluate_sines(harmonics, t, first, last, sines):
     """Write the sines of the harmonics of the vehicles from first to last at time t into sines (D K,)."""
-    K, rate, phase = harmonics.amplitude.shape[1], harmonics.rate, harmonics.phase
-    for j in range(first * K, min(last, harmonics.amplitude.shape[0]) * K):  # vector instructions: nothing else is read
-        sines[j] = sine(rate[j] * t + phase[j])
+    D, K = harmonics.amplitude.shape[:2]
+    begin, end = first * K, min(last, D) * K
+    rate, phase, out = harmonics.rate[begin:end], harmonics.phase[begin:end], sines[begin:end]
+    for j in range(rate.shape[0]):  # vector instructions: nothing else is read, and no index is below 0
+        out[j] = sine(rate[j] * t + phase[j])
 
 
 @inline_jit
