@@ -20,9 +20,8 @@ from tests.running import analyse
 from tests.strategies import cases
 
 MISSIONS = 300
-MAX_CONTRADICTED = 0.15
-"""Fraction of the missions OK by analysis alone whose runs may fail, which the trial then shows: agents that the safety
-filter keeps from their places, and boats that do not turn round for little. It was 13 % of one seed."""
+MAX_CONTRADICTED = 0.05
+"""Fraction of the missions OK by analysis alone whose runs may fail."""
 MAX_FALSE_ALARMS = 0.1
 """Fraction of the missions whose runs are fine that may be NOT OK for other reasons than a team or loop that fails, or
 agents that stay behind as foreseen."""
