@@ -61,9 +61,6 @@ _JUDGED = (
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
 _FAR_BY = 1.0  # m: errors and motions that count
-# Mean error of the last quarter over that of the third, below which an agent approaches its place: at that pace, the
-# error is less than half of it after another run.
-_APPROACHING = 0.5**0.25
 
 
 class TrialProblem(Record):
@@ -347,7 +344,7 @@ def _diverging(
     q_star = np.nan_to_num(last["harmonic_extension"].values)
     if len(errors) < _MIN_SAMPLES or time[-1] - time[0] < MIN_DURATION:
         return
-    _, second, third, fourth = (part.mean(axis=0) for part in np.array_split(errors, 4))
+    _, second, third, fourth = _of_quarters(last)
     eighth = len(errors) // 8
     middle = errors[len(errors) // 2 - eighth : len(errors) // 2 + eighth + 1].mean(axis=0)
     limited = _limited(system, last)
@@ -392,10 +389,10 @@ def _without_headway(
     """
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
-    third, fourth = (part.mean(axis=0) for part in np.array_split(last["tracking_error"].values, 4)[2:])
+    _, _, third, fourth = quarters = _of_quarters(last)
     size, along = _by_second(last.isel(time=slice(-(last.sizes["time"] // 4), None)), np.zeros(3))
     commanded, towards = size.mean(axis=0), along.mean(axis=0)
-    idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & (fourth > _APPROACHING * third)
+    idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & ~_are_approaching(quarters)
     part = (along * size).sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
     short = (part < share) & (fourth > 3.0 * _FAR_BY) & (fourth > third)
     failed = (commanded > least) & (idle | short)
@@ -413,6 +410,26 @@ def _without_headway(
         commanded=commanded,
         towards=towards,
     )
+
+
+def _of_quarters(last: xr.Dataset) -> Array:
+    """Return the mean errors over the quarters of a phase, m, shape (4, N); NaN for agents that are absent."""
+    errors = last["tracking_error"]
+    return np.array([errors.isel(time=part).mean("time") for part in np.array_split(np.arange(len(errors)), 4)])
+
+
+def _are_approaching(quarters: Array, *, falls: float = 0.5**0.25) -> BoolArray:
+    """Return which agents are on their first way to their places, shape (N,).
+
+    Their mean error falls from each quarter of the phase to the next, and so fast at the end that less than half of it
+    is left after another run. The error of an agent that circles also falls, but not all the time.
+
+    Args:
+        quarters: Mean errors, m, shape (4, N); of agents that are absent, or of fewer samples than quarters, NaN.
+        falls: Mean error of the last quarter over that of the third, below which it falls so fast.
+    """
+    first, second, third, fourth = quarters
+    return (first > second) & (second > third) & (fourth < falls * third)
 
 
 def _by_second(data: xr.Dataset, held: Array) -> tuple[Array, Array]:
@@ -464,9 +481,8 @@ def _far_off(
     """Yield the problem of an error far above the predicted one, or of a law that comes to rest far from q*.
 
     Agents on their first way to q* are not counted in the former: the prediction has no limits of thrust and turning,
-    which draw it out. The mean of their error falls from each quarter of the phase to the next, and so fast at the end
-    that less than half of it is left after another run. A law with range or bearing edges comes to rest where its
-    disagreement is 0, which may be far from q*.
+    which draw it out. A law with range or bearing edges comes to rest where its disagreement is 0, which may be far
+    from q*.
 
     Args:
         phases: Phases of the run.
@@ -480,11 +496,7 @@ def _far_off(
     end = float(data["time"][-1])
     errors = last["tracking_error"]
     count = last.sizes["time"]
-    # Without agents that are absent, whose errors are NaN; in fewer samples than quarters, none approaches.
-    first, second, third, fourth = (
-        errors.isel(time=part).mean("time").values for part in np.array_split(np.arange(count), 4)
-    )
-    approaching = (first > second) & (second > third) & (fourth < _APPROACHING * third)
+    approaching = _are_approaching(_of_quarters(last))
     half = np.where(approaching, 0.0, errors.values[count // 2 :])
     counted = float(np.sqrt(np.nanmean(np.square(half))))
     if foreseen is not None and counted > far * foreseen + _FAR_BY:

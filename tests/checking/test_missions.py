@@ -15,7 +15,7 @@ import xarray as xr
 import mjsheaf
 from mjsheaf.errors import NotUniqueError, UnstableError
 from tests.builders import make_fields, make_scenario
-from tests.missions import CAUSES, SPEEDS, failure_of_run, random_mission, unforeseen_error
+from tests.missions import CAUSES, SPEEDS, failure_of_run, grows, random_mission, unforeseen_error
 from tests.running import analyse
 from tests.strategies import cases
 
@@ -176,6 +176,35 @@ def test_the_oracle_sees_a_boat_that_falls_behind(limit, failure):
 
 
 @pytest.mark.parametrize(
+    ("error", "turn", "grows_by_itself"),
+    [
+        (lambda t: 3.0 + 0.1 * t, 0.0, True),
+        (lambda t: np.exp(0.05 * t), 0.0, True),
+        (lambda t: np.exp(0.05 * t) + 0.1 * np.sin(t), 0.0, True),
+        (lambda t: 3.0 + 0.01 * t, 0.0, False),  # by too little
+        (lambda t: 10.0 - 8.0 * np.exp(-0.1 * t), 0.0, False),  # a rise to what the law leaves
+        (lambda t: 5.0 + 4.0 * np.sin(t), 0.0, False),
+        (lambda t: 3.0 + 0.1 * t, 0.2, False),  # the medium turns faster than the error grows
+        (lambda t: np.exp(0.1 * t), 0.2, True),
+    ],
+)
+def test_the_oracle_tells_growth_from_a_rise_that_something_drives(error, turn, grows_by_itself):
+    time = np.linspace(0.0, 60.0, 601)
+    still = np.zeros((len(time), 1, 3))
+    flow = still.copy()
+    flow[time > 30.0, 0, 0] = turn
+    run = xr.Dataset(
+        {
+            "tracking_error": (("time", "agent"), error(time)[:, None]),
+            "harmonic_extension": (("time", "agent", "axis"), still),
+            "agent_flow": (("time", "agent", "axis"), flow),
+        },
+        coords={"time": time, "agent": ["B"]},
+    )
+    assert grows(run, 0, 0.0) is grows_by_itself
+
+
+@pytest.mark.parametrize(
     ("seed", "ok"),
     [
         (7, True),
@@ -190,6 +219,9 @@ def test_the_oracle_sees_a_boat_that_falls_behind(limit, failure):
             pytest.param(110_000 + seed, ok, marks=pytest.mark.slow)
             for seed, ok in [(6, True), (15, True), (20, False)]
         ),
+        # A drone at its velocity limit half of the time, as far off without it; a boat that circles in a tight turn,
+        # with errors that rise and fall.
+        *(pytest.param(seed, ok, marks=pytest.mark.slow) for seed, ok in [(1_010_263, True), (1_020_076, False)]),
     ],
 )
 def test_missions_that_fail_are_told_from_those_that_work(seed, ok):
