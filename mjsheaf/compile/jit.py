@@ -80,7 +80,6 @@ class _Compilations(event.Listener):
         self.seconds = 0.0
         self.begun: list[float] = []  # one within the other
         self._announced = False
-        self._usual = gc.get_threshold()
 
     def on_start(self, event: Any) -> None:
         if not self.begun:
@@ -166,23 +165,19 @@ def as_records(values: NDArray[np.void]) -> NDArray[np.void]:
     return values.view(np.recarray) if INTERPRETED else values
 
 
-def external(library: Path, name: str, result: str, *arguments: str) -> Any:
-    """Return a function of a shared library that compiled code can call.
+def external(library: Path, name: str) -> Any:
+    """Return a function of a shared library that compiled code can call with two addresses; it returns nothing.
 
     Args:
         library: File of the library.
         name: Symbol of the function.
-        result: Type of what it returns, by numba's name for it.
-        arguments: Types of its arguments, likewise.
     """
     if INTERPRETED:
         function = getattr(ctypes.CDLL(str(library)), name)
-        function.restype = _C_TYPES[result]
-        function.argtypes = [_C_TYPES[argument] for argument in arguments]
+        function.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
         return function
     llvm.load_library_permanently(str(library))
-    signature = getattr(types, result)(*(getattr(types, argument) for argument in arguments))
-    return types.ExternalFunction(name, signature)
+    return types.ExternalFunction(name, types.void(types.voidptr, types.voidptr))
 
 
 @intrinsic
@@ -397,9 +392,6 @@ def _len(value):
     return None
 
 
-_C_TYPES: dict[str, Any] = {"void": None, "voidptr": ctypes.c_void_p}
-
-
 def _compile(function: Callable[..., Any], apart: bool = False, **options: Any) -> Any:
     if INTERPRETED:
         return function
@@ -571,7 +563,7 @@ def for_each(function_of: FunctionOf, add: Any = None) -> Any:
         for k, kind in enumerate(kinds):
             function = function_of(kind)
             if function is not None:
-                calls = _then(inline_jit(calls), k, function, add)
+                calls = _then(inline_jit(calls), k, function, add or _keep)
         return calls
 
     def call(parts, states, total, *arguments):
@@ -586,20 +578,17 @@ def for_each(function_of: FunctionOf, add: Any = None) -> Any:
 
 def _then(before: Any, k: int, function: Any, add: Any) -> Any:
     """Return a function that calls `before`, and then the function of part k."""
-    if add is None:
 
-        def calls(parts, states, total, *arguments):
-            before(parts, states, total, *arguments)
-            function(parts[k], states[k], *arguments)
-            return total
-
-    else:
-
-        def calls(parts, states, total, *arguments):
-            total = before(parts, states, total, *arguments)
-            return add(total, function(parts[k], states[k], *arguments))
+    def calls(parts, states, total, *arguments):
+        total = before(parts, states, total, *arguments)
+        return add(total, function(parts[k], states[k], *arguments))
 
     return calls
+
+
+@inline_jit
+def _keep(total, _):
+    return total
 
 
 def has_any(function_of: FunctionOf) -> Any:

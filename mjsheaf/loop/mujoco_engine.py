@@ -25,7 +25,7 @@ from mjsheaf.mujoco_import import mujoco, quiet
 from mjsheaf.vehicles.arena import Arena, compose, movers_of, place_obstacles
 
 # From the same library that the Python bindings use.
-_mj_step = external(next(Path(mujoco.__file__).parent.glob("libmujoco*")), "mj_step", "void", "voidptr", "voidptr")
+_mj_step = external(next(Path(mujoco.__file__).parent.glob("libmujoco*")), "mj_step")
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
