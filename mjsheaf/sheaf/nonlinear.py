@@ -494,23 +494,9 @@ class _Arrays:
         """Edge of each row, shape (m,)."""
         return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
 
-    @cached_property
-    def _later(self) -> list[tuple[IntArray, IntArray]]:
-        """For r = 1, 2, ...: the edges of more than r rows, and their row r."""
-        first, sizes = self.first[:-1], np.diff(self.first)
-        longer = [np.flatnonzero(sizes > r) for r in range(1, sizes.max(initial=0))]
-        return [(edges, first[edges] + r) for r, edges in enumerate(longer, 1)]
-
     def edge_totals(self, values: Array) -> Array:
-        """Return the sum over the rows of each edge, shape (..., E), of values of every row, shape (..., m).
-
-        The order is that of numpy's reduceat, which takes four times as long over a short axis.
-        """
-        first = self.first[:-1]
-        rest = np.full((*values.shape[:-1], len(first)), -0.0)
-        for edges, rows in self._later:
-            rest[..., edges] += values[..., rows]
-        return np.asarray(values[..., first] + rest)
+        """Return the sum over the rows of each edge, shape (..., E), of values of every row, shape (..., m)."""
+        return np.asarray(np.add.reduceat(values, self.first[:-1], axis=-1))
 
     def totals(self, values: Array) -> Array:
         """Return the sum over the rows of each edge in each of them, shape (..., m)."""
