@@ -122,7 +122,7 @@ def measure_grid(side: int) -> dict[str, Any]:
     extension, solve = timed(lambda: problem.harmonic_extension(values))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e9 if sys.platform == "darwin" else 1e6)
     x = sheaf.pack(np.concatenate(list(extension.x.values())))
-    inside, held = sheaf.columns(problem.interior), sheaf.columns(values)
+    inside, held = sheaf.columns(sheaf.interior(values)), sheaf.columns(values)
     at_rest = np.zeros_like(x)
     at_rest[held] = x[held]
     left, right = (np.linalg.norm((delta.T @ (delta @ y))[inside]) for y in (x, at_rest))

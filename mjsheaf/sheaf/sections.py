@@ -26,7 +26,6 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
 from scipy.sparse import linalg as splinalg
-from scipy.sparse.linalg import spsolve_triangular
 
 from mjsheaf.arrays import Array, BoolArray, IntArray, firsts_of
 from mjsheaf.errors import SheafError
@@ -373,7 +372,9 @@ def propagate(edges: EdgeSet, free: BoolArray, forest: Forest, slot: IntArray, w
     P = np.zeros((n, width))
     P[ranges(at[roots], dimension[roots]), ranges(slot[roots], dimension[roots])] = 1.0
     steps = assembled(blocks, (n, n)).tocsr()
-    return spsolve_triangular(steps, P, lower=True, unit_diagonal=True, overwrite_b=True)[ranges(at, dimension)]
+    return splinalg.spsolve_triangular(steps, P, lower=True, unit_diagonal=True, overwrite_b=True)[
+        ranges(at, dimension)
+    ]
 
 
 def section_basis(edges: EdgeSet, free: BoolArray, rtol: float) -> sparse.csc_array:

@@ -126,7 +126,7 @@ def test_sparse_solvers_extend_as_the_dense_one_does(
     assert extension.unique is (len(pinned) > 1)
     assert extension.null_basis.shape[1] == (0 if extension.unique else 3)
     D, b = large.whitened_coboundary().toarray(), large.whitened_offset()
-    W, U = large.columns(problem.interior), large.columns(pinned)
+    W, U = large.columns(large.interior(pinned)), large.columns(pinned)
     expected = np.zeros(large.shape[1])
     expected[U] = np.concatenate(list(values.values()))
     expected[W] = np.linalg.pinv(D[:, W], rcond=1e-10) @ (b - D[:, U] @ expected[U])
