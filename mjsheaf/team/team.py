@@ -308,11 +308,7 @@ class Team:
     @property
     def law_jacobian(self) -> sparse.csr_array:
         """Derivative of the agents' eta by the positions of all members, of linear edges, shape (n_q, n)."""
-        slots = np.cumsum([0, *(member.dimension for member in self.members)])
-        place = {
-            member.id: np.arange(*ends) for member, ends in zip(self.members, itertools.pairwise(slots), strict=True)
-        }
-        place[GROUND] = np.zeros(0, dtype=np.int64)
+        place = {vertex: self.sheaf.columns([vertex]) for vertex in self.sheaf.vertices}
         agents = set(self.agent_ids)
         blocks = []
         for e in self.measuring_edges:
@@ -320,7 +316,7 @@ class Team:
             ends = [(e.tail, -F_tail), (e.head, F_head)]
             moved = [end for end in ends if end[0] in agents and not (e.directed and end[0] == e.head)]
             blocks += [(place[i][:, None], place[j][None], F.T @ K @ G) for i, F in moved for j, G in ends]
-        return assembled(blocks, (int(self.first_state[-1]), int(slots[-1]))).tocsr()
+        return assembled(blocks, (int(self.first_state[-1]), len(self.slots))).tocsr()
 
     def harmonic_extension(self, positions: Array, time: ArrayLike | None = None) -> Array:
         """Padded q* (..., N, 3) of the targets in padded positions (..., V, 3), m; 0 in z for planar agents.
@@ -488,16 +484,16 @@ class Team:
     ) -> tuple[Edge, ...]:
         made: list[Edge] = []
         first: dict[tuple[Any, ...], tuple[int, bool]] = {}
-        try:
-            for edge in given:
+        for number, edge in enumerate(given):
+            with in_field(f"{field}.{number}"):
                 tail, head = edge.between
                 require_ends(tail, head, self._roles, roles)
                 if isinstance(edge, Edge):
                     built = edge
                 else:
                     built = edge.build(self._ends[tail], self._ends[head])
-                    k, parallel = first.setdefault(built.equation, (len(made), edge.parallel))
-                    if k < len(made) and not (parallel or edge.parallel):
+                    k, parallel = first.setdefault(built.equation, (number, edge.parallel))
+                    if k < number and not (parallel or edge.parallel):
                         raise InputError(
                             f"{built} says the same as {field}.{k}, {made[k]}, and would count double; leave one out, "
                             "give it another weight, map or offset, or write parallel: true if there are two sensors"
@@ -506,8 +502,6 @@ class Team:
                     what = "directed" if built.directed else "measures"
                     raise InputError(f"{what}: expected on communication and sensing edges alone, not on {field}")
                 made.append(_with_offset(built, displacement))
-        except InputError as error:
-            raise error.within(f"{field}.{len(made)}") from None
         return tuple(made)
 
 
