@@ -227,14 +227,10 @@ class FlowField(Section):
         """Yield the names of all points and directions, and their values."""
         yield "drift", self.drift
         yield "ramp.velocity", self.ramp.velocity if self.ramp else None
-        for k, source in enumerate(self.sources):
-            yield f"sources.{k}.centre", source.centre
-        for k, vortex in enumerate(self.vortices):
-            yield f"vortices.{k}.centre", vortex.centre
-            yield f"vortices.{k}.velocity", vortex.velocity
-        for k, channel in enumerate(self.channels):
-            yield f"channels.{k}.centre", channel.centre
-            yield f"channels.{k}.direction", channel.direction
+        for kind in ("sources", "vortices", "channels"):
+            for k, kernel in enumerate(getattr(self, kind)):
+                for name in ("centre", "velocity", "direction"):
+                    yield f"{kind}.{k}.{name}", getattr(kernel, name, None)
 
     @cached_property
     def table(self) -> Array:

@@ -345,9 +345,7 @@ def _at_depth(part: xr.DataArray, depth: float, medium: Medium | None, notes: li
         if along.min() - depth > 1.0:
             notes.append(f"the flow is that of {name} {along.min():g} m, the nearest to the surface in its file")
         part = decoded(part.isel(dict.fromkeys(axes[name].dims, int(np.argmin(along)))))
-    elif axes[name].ndim == 0:
-        part = decoded(part)
-    else:
+    else:  # between two levels
         dim = axes[name].dims[0]
         part = decoded(part).assign_coords({dim: along}).sortby(dim)
         if (np.diff(part[dim].values) <= 0.0).any():

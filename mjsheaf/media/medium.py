@@ -55,12 +55,9 @@ WITHOUT_MEAN = (GustArrays, FrozenArrays, WaveArrays)
 
 def bounds_of(parts: Parts, vehicles: int) -> Bounds:
     """Return the bounds of all parts together."""
-    total = Bounds(np.zeros(vehicles), np.zeros(vehicles), np.zeros(vehicles), 0.0)
-    for part in parts:
-        more = part.bound()
-        rate = max(total.rate, more.rate)
-        total = Bounds(total.speed + more.speed, total.change + more.change, total.slope + more.slope, rate)
-    return total
+    bounds = [part.bound() for part in parts]
+    totals = (sum((getattr(one, name) for one in bounds), np.zeros(vehicles)) for name in ("speed", "change", "slope"))
+    return Bounds(*totals, max((one.rate for one in bounds), default=0.0))
 
 
 def unknown_flow(parts: Parts, states: Parts, v: int) -> str:
