@@ -297,12 +297,9 @@ def pack(models: list[ControlEffectiveness | None], dimensions: list[int]) -> Ef
 
 def without_full_row_rank(arrays: EffectivenessArrays, dimensions: list[int]) -> list[int]:
     """Numbers of the agents whose layout is not of full row rank (Assumption 2): g g^+ = I fails for them."""
-    deficient = []
-    for n in set(dimensions):
-        of = np.flatnonzero(np.array(dimensions) == n)
-        singular = np.linalg.svd(arrays.W[of, :n], compute_uv=False)
-        deficient += [int(i) for i, sigma in zip(of, singular, strict=True) if is_rank_deficient(sigma)]
-    return sorted(deficient)
+    given = np.flatnonzero(arrays.given).tolist()  # others have g = I
+    singular = [np.linalg.svd(arrays.W[i, : dimensions[i]], compute_uv=False) for i in given]
+    return [i for i, sigma in zip(given, singular, strict=True) if is_rank_deficient(sigma)]
 
 
 def is_rank_deficient(singular: NDArray[np.floating]) -> bool:
