@@ -28,7 +28,7 @@ for the engine that runs without MuJoCo.
 """
 
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -296,7 +296,10 @@ class AzimuthThruster(Thruster):
         high: Upper limit of the angle, rad.
         rate: Maximum rate of the angle, rad/s.
         angle_lag: Time constant with which the angle follows its command, s.
+        angle_name: Word for the angle in the name of its channel.
     """
+
+    angle_name: ClassVar[str] = "angle"
 
     sideways: Array
     low: float
@@ -310,14 +313,9 @@ class AzimuthThruster(Thruster):
         return np.array([self.wrench, self.sideways])
 
     @property
-    def angle_name(self) -> str:
-        """Name of the second channel."""
-        return f"{self.name}_angle"
-
-    @property
     def channels(self) -> list[Channel]:
         """Channels of thrust and angle."""
-        return [*super().channels, Channel(self.angle_name, "rad", self.low, self.high)]
+        return [*super().channels, Channel(f"{self.name}_{self.angle_name}", "rad", self.low, self.high)]
 
     def _reach(self, normals: Array) -> Array:
         """Compute the largest effort along directions, shape (k,), rad."""
@@ -372,7 +370,7 @@ class AzimuthThruster(Thruster):
 
     def to_mujoco(self, gears: Array) -> list[dict[str, Any]]:
         """Return the arguments for thrust and angle; the angle's force equals the angle and has no gear."""
-        angle = _actuator(self.angle_name, np.zeros(6), 1.0, "filterexact", self.angle_lag)
+        angle = _actuator(f"{self.name}_{self.angle_name}", np.zeros(6), 1.0, "filterexact", self.angle_lag)
         if np.isfinite([self.low, self.high]).all():
             angle |= {"ctrllimited": 1, "ctrlrange": (self.low, self.high)}
         return [*super().to_mujoco(gears), angle]
@@ -464,16 +462,13 @@ class RudderThruster(AzimuthThruster):
         side: Force to port for an effort of 1 N.
     """
 
+    angle_name = "rudder"
+
     position: Array
     race: float
     normal: float
     stall: float
     side: float
-
-    @property
-    def angle_name(self) -> str:
-        """Name of the second channel."""
-        return f"{self.name}_rudder"
 
     @property
     def thrust(self) -> tuple[float, float]:
