@@ -24,7 +24,6 @@ from mjsheaf.compile.jit import as_records, inline_jit, lanes_for, on_stack
 from mjsheaf.loop.bodies import (
     BLOCK,
     MIN_ALIKE,
-    Sensed,
     add_ballast,
     add_buoyancy,
     allocate_within_limits,
@@ -36,8 +35,7 @@ from mjsheaf.loop.bodies import (
 )
 from mjsheaf.loop.loop import AUTOPILOT, HUGE, OUTSIDE, STOPPED, record
 from mjsheaf.media.flow import SOURCE, VORTEX, channel_velocity, offset_from, source_velocity, vortex_velocity
-from mjsheaf.media.medium import add_winds, has_wind, medium_velocity, surface_about, upright_in
-from mjsheaf.media.medium import advance as advance_medium
+from mjsheaf.media.medium import add_winds, advance, has_wind, medium_velocity, surface_about, upright_in
 from mjsheaf.media.varying import sine
 from mjsheaf.vectors import (
     add,
@@ -397,9 +395,10 @@ def _command(fleet, ctrl, first, last, lanes, b, effort):
     else:
         for i in range(lanes):
             q, R, heading = b.quaternion, attitude(b, i), (b.heading[0, i], b.heading[1, i])
-            sensed = Sensed(R, (q[0, i], q[1, i], q[2, i], q[3, i]), at(b.through, i), at(b.rates, i))
-            weight = upward(R, kind.supported_weight)
-            weight, turning, push, couple = steer_attitude(kind, heading, sensed, at(b.push, i), b.share[i], weight)
+            quaternion, s, omega = (q[0, i], q[1, i], q[2, i], q[3, i]), at(b.through, i), at(b.rates, i)
+            weight, turning, push, couple = steer_attitude(
+                kind, heading, R, quaternion, s, omega, at(b.push, i), b.share[i], upward(R, kind.supported_weight)
+            )
             _want(kind, b, i, weight, turning, push, couple)
     for i in range(lanes):
         b.within[i] = 0.0 if kind.turning else 1.0  # turning thrusters limit thrust and angle, not each effort
@@ -556,7 +555,7 @@ def advance_alone(loop, rigid, first, last, step, count, log, row, bad):
     fleet, h = params.fleet, params.timestep
     b, all_good = on_stack(ALONE), True
     for k in range(step, step + count):
-        advance_medium(params.medium, params.start + k * h, first, last, state.medium)
+        advance(params.medium, params.start + k * h, first, last, state.medium)
         for v in range(first, last):  # to the last, as all of them are recorded
             body = fleet.bodies[v]
             command_alone(loop, v, b)
@@ -659,7 +658,7 @@ def advance_lanes(loop, rigid, first, last, step, count, log, row, bad):
         if steady:
             _read_steady(medium, first, t, lanes, waves, b)
         else:
-            advance_medium(medium, t, first, last, state.medium)
+            advance(medium, t, first, last, state.medium)
             for i in range(lanes):
                 _read_medium(medium, state.medium, first + i if first + i < last else first, b, i)
         for i in range(lanes):

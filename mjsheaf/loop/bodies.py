@@ -167,22 +167,6 @@ class Fleet(NamedTuple):
         return self.thrusters[np.arange(count.sum()) - np.repeat(before - kinds["thruster"], count)]
 
 
-class Sensed(NamedTuple):
-    """Onboard measurements of a vehicle, as tuples for compiled code.
-
-    Attributes:
-        R: Attitude, body to world, (9,).
-        quaternion: The same attitude, (4,).
-        velocity: Velocity through the medium, body axes, (3,), m/s.
-        rates: Angular velocity, body axes, (3,), rad/s.
-    """
-
-    R: tuple[float, ...]
-    quaternion: tuple[float, ...]
-    velocity: tuple[float, ...]
-    rates: tuple[float, ...]
-
-
 def pack_fleet(
     vehicles: Sequence[Vehicle], heading: Array, timestep: float, surface: str = "none", *, in_lanes: bool = False
 ) -> Fleet:

@@ -223,7 +223,7 @@ def steer_hand_point(kind, s, omega, desired, surge):
 
     Args:
         kind: Parameters of the vehicle's kind; see KIND.
-        s, omega: Velocity through the medium and rates; see `Sensed`.
+        s, omega: Velocity through the medium, m/s, and rates, rad/s, body axes, (3,) each.
         desired: Desired velocity relative to the medium, body axes, (3,), m/s.
         surge: Force ahead for that velocity, N.
 
@@ -241,13 +241,14 @@ def steer_hand_point(kind, s, omega, desired, surge):
 
 
 @inline_jit
-def steer_attitude(kind, heading, sensed, force, share, weight):
+def steer_attitude(kind, heading, R, quaternion, s, omega, force, share, weight):
     """Convert the force for a desired velocity into the wrenches that the actuators should produce.
 
     Args:
         kind: Parameters of the vehicle's kind; see KIND.
         heading: Cosine and sine of half the heading to hold, (2,).
-        sensed: Measured state; see `Sensed`.
+        R, quaternion: Attitude, body to world, (9,) and (4,).
+        s, omega: See `steer_hand_point`.
         force: Force for the desired velocity, body axes, (3,), N; in world axes if thrust is pointed.
         share: Fraction of the force that is within the limits of thrust, if thrust is pointed.
         weight: Force that carries the vehicle, body axes, (3,), N.
@@ -257,12 +258,12 @@ def steer_attitude(kind, heading, sensed, force, share, weight):
     """
     attitude = (heading[0], 0.0, 0.0, heading[1])
     if kind.steering == THRUST_VECTOR:
-        force, weight, attitude = point_thrust(kind, heading, sensed.R, force, share, weight)
-    turn = turn_to(kind, attitude, sensed.quaternion, sensed.rates)
+        force, weight, attitude = point_thrust(kind, heading, R, force, share, weight)
+    turn = turn_to(kind, attitude, quaternion, omega)
     # Thrust and drag act at the origin. Their sum accelerates the centre of mass c and the added mass at the origin. To
     # avoid turning the vehicle, the part that acts on c needs a moment of c times it. (The attitude hold compensates
     # for the Munk moment of added mass.)
-    net, own = subtract(force, drag_force(kind, sensed.velocity)), kind.rigid_mass_fraction
+    net, own = subtract(force, drag_force(kind, s)), kind.rigid_mass_fraction
     moment = cross(triple(kind.com), (own[0] * net[0], own[1] * net[1], own[2] * net[2]))
     return weight, turn, force, moment
 
