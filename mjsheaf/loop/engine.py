@@ -276,6 +276,7 @@ class Engine(WithThreads, ABC):
         steps_per_sample: Steps between samples.
         controller: Law in Python that is in control, or None.
         scenario: Scenario of the run, with its seed; None if the run was not made from one.
+        phases: Phases of the run.
         memory: State of the onboard computers after the law's last evaluation; a phase with other edges has another.
         light: True to record what errors need alone: no attitudes, forces, commands and saturation.
     """
@@ -326,8 +327,8 @@ class Engine(WithThreads, ABC):
 
     def _take(self, phases: Sequence[Phase]) -> None:
         """Store the phases of a run, and the data common to all of them."""
-        self._phases = phases
-        self.system = self._phases[0].system
+        self.phases = phases
+        self.system = self.phases[0].system
         self._views: dict[int, View] = {}
 
     @property
@@ -358,7 +359,7 @@ class Engine(WithThreads, ABC):
         """
         if seed is not None:
             self.take_seed(seed)
-        self.system = self._phases[0].system
+        self.system = self.phases[0].system
         self._control = self._law_of_phase()
         self._begin()
         self._observed = -1
@@ -427,11 +428,6 @@ class Engine(WithThreads, ABC):
     # -- phases --------------------------------------------------------------------------------------------------------
 
     @property
-    def phases(self) -> Sequence[Phase]:
-        """Phases of the run."""
-        return self._phases
-
-    @property
     def steps_taken(self) -> int:
         """Number of steps since the start."""
         return int(self._count[0])
@@ -467,7 +463,7 @@ class Engine(WithThreads, ABC):
         """Enter the phase that the present step belongs to, and return the number of steps taken."""
         step = self.steps_taken
         sample = max(step // self.steps_per_sample, 0)
-        system = [phase.system for phase in self._phases if phase.start <= sample][-1]
+        system = [phase.system for phase in self.phases if phase.start <= sample][-1]
         if system is not self.system:
             self._unlook()
             law, memory = self._control.law, self.memory
@@ -484,7 +480,7 @@ class Engine(WithThreads, ABC):
             phases: Phases of the run. Of those that begin after the start, the previous phases contain all that begin
                 before the present sample.
         """
-        self._phases = tuple(phases)
+        self.phases = tuple(phases)
         self._views.clear()  # their keys are identities, which new systems may have again
 
     # -- stepping ------------------------------------------------------------------------------------------------------
@@ -512,7 +508,7 @@ class Engine(WithThreads, ABC):
     def _advance(self, count: int, recorder: Recorder) -> int:
         """Take up to `count` steps within one phase and, of a law in Python, one period; return how many."""
         step = self._enter_phase()
-        ahead = (phase.start * self.steps_per_sample - step for phase in self._phases)
+        ahead = (phase.start * self.steps_per_sample - step for phase in self.phases)
         count = min([count, *(steps for steps in ahead if steps > 0)])
         if self.controller:
             into = step % self.steps_per_sample
@@ -542,7 +538,7 @@ class Engine(WithThreads, ABC):
             Pieces with the status 'finished'. If the run blows up, the last piece ends there and is 'unstable'.
         """
         of = self.system.grid.steps + 1 if targets is None else min(self.system.grid.steps + 1, len(targets))
-        for system, begin, end in pieces_of(self._phases, samples, of, self.steps_taken // self.steps_per_sample):
+        for system, begin, end in pieces_of(self.phases, samples, of, self.steps_taken // self.steps_per_sample):
             self._enter_phase()
             recorder = self._recorder(end - begin, None if targets is None else targets[begin:end])
             message = ""
