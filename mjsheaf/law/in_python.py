@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError, visible
 from mjsheaf.files import describe, in_this_directory
-from mjsheaf.law.law import LawArrays, Memory, link_of, rows_of_measuring_edges
+from mjsheaf.law.law import LawArrays, Memory, link_of
 from mjsheaf.law.terms import Traffic
 from mjsheaf.sheaf.nonlinear import measure
 from mjsheaf.team import Edge, Team
@@ -70,7 +70,8 @@ class View:
         self.team = team
         self.shown = ReadOnlyTeam(team)
         self.edges = self.shown.measuring_edges
-        rows = rows_of_measuring_edges(team, law)
+        every, linked = range(len(law.edges.tail)), len(team.communication) + len(team.sensing)
+        rows = [*every[:linked], *every[len(every) - len(team.anchors) :]]  # without those among targets
         slices = [slice(begin, end) for begin, end in pairwise(law.edges.first)]
         self.places = [slices[row] for row in rows]
         links = np.array([link_of(law, row) for row in rows], dtype=np.int64)

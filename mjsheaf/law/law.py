@@ -334,13 +334,6 @@ def _carry_links(memory: Memory, old: LawArrays, new: Memory, law: LawArrays, ke
             new.terms.age[rows] = 2.0 * fresh  # else the difference to the next measurement means nothing
 
 
-def rows_of_measuring_edges(team: Team, law: LawArrays) -> list[int]:
-    """Return the numbers of a team's measuring edges among the edges of its law, in their order."""
-    every = range(len(law.edges.tail))
-    linked = len(team.communication) + len(team.sensing)
-    return [*every[:linked], *every[len(every) - len(team.anchors) :]]
-
-
 def link_of(law: LawArrays, edge: int) -> int:
     """Return the number of an edge's link, or -1."""
     return int(law.links.of[edge]) if len(law.links.of) else -1

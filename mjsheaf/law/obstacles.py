@@ -18,10 +18,8 @@ from pydantic import Field, field_validator, model_validator
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import inline_jit, jit
 from mjsheaf.errors import in_field
-from mjsheaf.law.paths import Adrift, Motion, MotionArrays, pack_motions, position_at, reference_bounds
+from mjsheaf.law.paths import PARTS, Adrift, Motion, MotionArrays, pack_motions, position_at, reference_bounds
 from mjsheaf.section import Id, Number, Point, Positive, Tagged
-
-_PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 
 SPHERE, CAPSULE, BOX, HALF_SPACE = 0, 1, 2, 3
 """Kinds of obstacles."""
@@ -171,7 +169,7 @@ def pack_obstacles(some: Sequence[AnyObstacle], height: float, start: float, end
     with in_field("safety.obstacles"):
         motion = pack_motions([one.motion for one in some], places, start, dimensions, end)
     kinds = np.array([KINDS.index(one.kind) for one in some], dtype=np.int64)
-    return ObstacleArrays(kinds, axes, size, reference_bounds(motion, parts=_PARTS)[0], motion)
+    return ObstacleArrays(kinds, axes, size, reference_bounds(motion, parts=PARTS)[0], motion)
 
 
 @inline_jit

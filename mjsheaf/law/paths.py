@@ -121,6 +121,9 @@ def _thin(t: Array) -> BoolArray:
     return kept
 
 
+PARTS = 16
+"""Number of parts into which pieces of paths are cut for tight bounds on speeds."""
+
 _CLOCK = 1e-9  # resolution of the times of logs, s
 _ORDER = 6  # coefficients of the quintic pieces of a waypoint path
 

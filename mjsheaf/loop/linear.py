@@ -19,12 +19,11 @@ import numpy as np
 from mjsheaf.arrays import Array, BoolArray, lay_out, quaternions_of
 from mjsheaf.compile.jit import held
 from mjsheaf.compile.remember import remember_last
-from mjsheaf.law import ControlArrays
-from mjsheaf.law.law import no_station
+from mjsheaf.law.law import ControlArrays, no_station
 from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.loop import AUTOPILOT, Params, controlled_positions, new_loop
 from mjsheaf.loop.mujoco_engine import evaluate_forces, mujoco_arrays
-from mjsheaf.media import FlowField
+from mjsheaf.media.flow import FlowField
 from mjsheaf.media.medium import WindArrays, pack_medium
 from mjsheaf.mujoco_import import mujoco, quiet
 from mjsheaf.vehicles.arena import compose

@@ -11,13 +11,12 @@ import numpy as np
 from mjsheaf.arguments import require_scenario
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.errors import InputError, in_field
-from mjsheaf.law import ControlArrays, LawArrays, edges_of
-from mjsheaf.law.law import Station, no_station
+from mjsheaf.law.law import ControlArrays, LawArrays, Station, edges_of, no_station
 from mjsheaf.law.obstacles import ObstacleArrays
-from mjsheaf.law.paths import MotionArrays, position_at, reference_bounds
+from mjsheaf.law.paths import PARTS, MotionArrays, position_at, reference_bounds
 from mjsheaf.law.safety import Safety, SafetyArrays, pack_safety
-from mjsheaf.media import FlowField, varying
-from mjsheaf.media.flow import AXIS, CENTRE, NO_FLOW
+from mjsheaf.media import varying
+from mjsheaf.media.flow import AXIS, CENTRE, NO_FLOW, FlowField
 from mjsheaf.media.medium import (
     MediumArrays,
     Parts,
@@ -28,7 +27,7 @@ from mjsheaf.media.medium import (
     pack_parts,
 )
 from mjsheaf.media.varying import Bounds, Exposure
-from mjsheaf.team import Team
+from mjsheaf.team.team import Team, describe_null_modes
 from mjsheaf.vehicles.allocation import EffectivenessArrays
 from mjsheaf.vehicles.effects import Effects, embody, hold_station
 from mjsheaf.vehicles.vehicle import Vehicle, kinds_of
@@ -63,7 +62,6 @@ class TimeGrid:
         return np.asarray(self.start + self.period * np.arange(first, end), dtype=np.float64)
 
 
-_PARTS = 16  # into which pieces of paths are cut, for tight bounds on speeds
 _MOST_EIGENVALUES = 600  # of a matrix whose eigenvalues are all found
 _STOP = 0.01  # s; resolution of the responses of vehicles under a continuous law
 
@@ -239,8 +237,6 @@ class System:
     @cached_property
     def free_directions(self) -> list[str]:
         """Directions in which q* of the present agents is free, in words; of a team without targets none."""
-        from mjsheaf.team.team import describe_null_modes
-
         team = self.team.remaining
         return [] if team.free else describe_null_modes(team if team.plain else self.local.team)  # linearised near q*
 
@@ -309,7 +305,7 @@ class System:
 
         For pull h >= 2 there is no bound: errors do not decay. Then |e_0| counts, and `check` gives no guarantee.
         """
-        speed, acceleration = reference_bounds(self.motion, parts=_PARTS)
+        speed, acceleration = reference_bounds(self.motion, parts=PARTS)
         pull, hold = self.motion.pull, self._hold
         starts = np.array([position_at(self.motion, v, self.grid.start) for v in range(len(pull))]).reshape(-1, 3)
         away = np.linalg.norm(starts - self.initial, axis=1)

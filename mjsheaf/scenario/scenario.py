@@ -28,8 +28,8 @@ from mjsheaf.law.paths import Fixed, Motion, pack_motions
 from mjsheaf.law.safety import Safety
 from mjsheaf.law.terms import Terms, pack_rounds, pack_terms
 from mjsheaf.loop.system import DEFAULT_VEHICLE, Phase, PhysicsOptions, System, TimeGrid
-from mjsheaf.media import Disturbance, FlowField, varying
-from mjsheaf.media.flow import NO_FLOW
+from mjsheaf.media import varying
+from mjsheaf.media.flow import NO_FLOW, FlowField
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
 from mjsheaf.scenario.events import AnyEvent, phases_of_events
@@ -303,8 +303,8 @@ class Flow(Section):
 class Disturbances(Section):
     """Disturbances of agents and targets."""
 
-    agents: Disturbance | None = Field(None, description="of every agent, drawn independently")
-    targets: Disturbance | None = Field(None, description="of every target, drawn independently")
+    agents: varying.Disturbance | None = Field(None, description="of every agent, drawn independently")
+    targets: varying.Disturbance | None = Field(None, description="of every target, drawn independently")
 
     def require_resolved(self, last: float) -> None:
         """Refuse frequencies that the loops do not resolve up to |t| = `last`, s."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mjsheaf.checking.theorem.flow_bounds import Supremum, _Kernels, flow_scale
 from mjsheaf.checking.theorem.flow_bounds import supremum as supremum_of
-from mjsheaf.media import FlowField
+from mjsheaf.media.flow import FlowField
 from tests.builders import FACTS, field_of, flow_jacobian, of_facts
 from tests.strategies import examples
 

@@ -18,7 +18,7 @@ from mjsheaf.comparing.causes import verdict_of
 from mjsheaf.comparing.figures import choose_rungs
 from mjsheaf.comparing.page import report_text
 from mjsheaf.comparing.variants import ItemRecord, formation_size, positions_at_q_star, root_mean_square
-from mjsheaf.law import disagreement
+from mjsheaf.law.law import disagreement
 from mjsheaf.results.metrics import error_series, evaluate_errors
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import load_vehicle

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from mjsheaf import load_scenario
-from mjsheaf.law import disagreement, pack_law
+from mjsheaf.law.law import disagreement, pack_law
 from mjsheaf.law.terms import limit_speed
 from mjsheaf.team import Edge, Member, Team
 from mjsheaf.team.edges import Explicit

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 import mjsheaf
 from mjsheaf import World, load_scenario, simulate
 from mjsheaf.errors import InputError
-from mjsheaf.law import ControlArrays
 from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent
-from mjsheaf.law.law import Memory, evaluate_law, new_memory
+from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.law.terms import contraction, solve
 from mjsheaf.loop.session import Session
 from mjsheaf.loop.system import Phase, System, phases_of

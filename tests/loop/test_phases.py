@@ -9,7 +9,7 @@ import pytest
 
 from mjsheaf import World
 from mjsheaf.errors import InputError
-from mjsheaf.law import pack_law
+from mjsheaf.law.law import pack_law
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, Worlds
 from mjsheaf.loop.system import Phase, System, phases_of

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.media import Disturbance, varying
-from mjsheaf.media.varying import disturbance_velocity, evaluate_sines
+from mjsheaf.media import varying
+from mjsheaf.media.varying import Disturbance, disturbance_velocity, evaluate_sines
 
 kinds = st.builds(
     Disturbance,

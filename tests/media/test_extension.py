@@ -15,7 +15,7 @@ from mjsheaf import load_scenario
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.loop.system import System
-from mjsheaf.media import FlowField
+from mjsheaf.media.flow import FlowField
 from mjsheaf.media.medium import moving_along
 from mjsheaf.media.varying import COMPILED, Bounds, Compiled, Exposure, Moving
 from mjsheaf.section import Number, Positive

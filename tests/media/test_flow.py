@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
-from mjsheaf.media import FlowField
-from mjsheaf.media.flow import Source, decay
+from mjsheaf.media.flow import FlowField, Source, decay
 from tests.builders import FACTS, field_of, of_facts
 from tests.oracles.flow import flow_velocity
 

@@ -11,7 +11,7 @@ from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.system import Phase, System, on_engine
-from mjsheaf.media import FlowField
+from mjsheaf.media.flow import FlowField
 from mjsheaf.page import page_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import media_of

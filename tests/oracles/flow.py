@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mjsheaf.media import FlowField
+from mjsheaf.media.flow import FlowField
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg import matrix_balance
 
 from mjsheaf import Session
-from mjsheaf.law import disagreement
 from mjsheaf.law.in_python import Sample
+from mjsheaf.law.law import disagreement
 from mjsheaf.scenario import Scenario
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ import pytest
 
 from mjsheaf.errors import InputError
 from mjsheaf.law.paths import Lissajous, Waypoints
-from mjsheaf.media import Disturbance, FlowField
-from mjsheaf.media.flow import Source
+from mjsheaf.media.flow import FlowField, Source
+from mjsheaf.media.varying import Disturbance
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
 from mjsheaf.section import Section

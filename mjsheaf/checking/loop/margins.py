@@ -12,7 +12,7 @@ from mjsheaf.checking.spectrum import Spectrum
 from mjsheaf.checking.theorem.certificate import Certificate
 from mjsheaf.checking.theorem.constants import velocities_along
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
-from mjsheaf.law import disagreement
+from mjsheaf.law.law import disagreement
 from mjsheaf.loop.system import System
 from mjsheaf.media.medium import mean_flow
 from mjsheaf.section import Finite, Record

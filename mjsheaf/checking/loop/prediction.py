@@ -62,7 +62,7 @@ from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion, flow_over_periods
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
 from mjsheaf.errors import InputError, UndecidedError, select_true
-from mjsheaf.law import LawArrays
+from mjsheaf.law.law import LawArrays
 from mjsheaf.loop.linear import LinearVehicle
 from mjsheaf.loop.system import System
 from mjsheaf.media.gusts import Filter, FrozenArrays, GustArrays
