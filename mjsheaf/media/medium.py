@@ -56,8 +56,10 @@ WITHOUT_MEAN = (GustArrays, FrozenArrays, WaveArrays)
 def bounds_of(parts: Parts, vehicles: int) -> Bounds:
     """Return the bounds of all parts together."""
     bounds = [part.bound() for part in parts]
-    totals = (sum((getattr(one, name) for one in bounds), np.zeros(vehicles)) for name in ("speed", "change", "slope"))
-    return Bounds(*totals, max((one.rate for one in bounds), default=0.0))
+    speed, change, slope = (
+        sum((getattr(one, name) for one in bounds), np.zeros(vehicles)) for name in ("speed", "change", "slope")
+    )
+    return Bounds(speed, change, slope, max((one.rate for one in bounds), default=0.0))
 
 
 def unknown_flow(parts: Parts, states: Parts, v: int) -> str:
