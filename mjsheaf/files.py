@@ -151,6 +151,13 @@ def remove_stale(path: Path) -> None:
                     _remove(part)
 
 
+def remove_empty(places: Iterable[Path]) -> None:
+    """Remove those directories that are empty; the others stay."""
+    for place in places:
+        with suppress(OSError):
+            place.rmdir()
+
+
 def is_part_of(name: str, names: Iterable[str]) -> bool:
     """Return True if a name is the temporary name of one of these files."""
     return any(re.fullmatch(rf"\.{re.escape(of)}\.{_RANDOM}\.part", name) for of in names)

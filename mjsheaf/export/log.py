@@ -80,7 +80,7 @@ class Moment(NamedTuple):
     values: dict[str, Array]
 
 
-class LogSink(ABC):
+class LogSink(Sink, ABC):
     """Sink that writes a run sample by sample; subclasses implement how a format has each of them.
 
     Attributes:

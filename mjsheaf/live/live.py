@@ -27,12 +27,12 @@ from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
 from mjsheaf.loop.system import System
 from mjsheaf.media.flow import FlowField
-from mjsheaf.page.page import Packer, Scene, add_samples, law_in_words, origin_of, page_of
+from mjsheaf.page.page import Packer, add_samples, law_in_words, origin_of, page_of
 from mjsheaf.results.dataset import join, make_datasets
 from mjsheaf.results.store import Memory, Sink
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.events import Change, Cut, Event, Join, Lose, Restore, find_waiting
-from mjsheaf.show.played import edges_of
+from mjsheaf.show.played import Region, edges_of
 from mjsheaf.team.team import Path
 from mjsheaf.threads import one_thread
 
@@ -222,7 +222,7 @@ def outlook(system: System) -> Array:
     return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 
-class Display:
+class Display(Sink):
     """Sink that shows a run in progress: it makes the pages that browsers request, and publishes frames.
 
     Attributes:
@@ -254,9 +254,6 @@ class Display:
         }
         self._again = f"mjsheaf view {scenario.name} --backend {recorder.session.backend}", ""
 
-    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Do nothing, because chunks contain everything."""
-
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk for pages, and publish a frame with its last sample."""
         self._history.write(chunk)
@@ -267,9 +264,6 @@ class Display:
         began = time.perf_counter()
         self._server.publish(self._frame(before, chunk))
         self.cost = time.perf_counter() - began
-
-    def close(self) -> None:
-        """Keep the pages."""
 
     def show_page(self) -> None:
         """Make a page if a browser requests one. It begins at the start of the run, unless the run is too long."""
@@ -284,7 +278,7 @@ class Display:
         )  # fmt: skip
         self._edges = list(edges_of(phases))
         self._origin = origin_of(dataset)
-        self._scene = Scene.of(self._ahead - self._origin)
+        self._scene = Region.of(self._ahead - self._origin)
         self._attitude: NDArray[np.float32] | None = None
         self._server.answer(page)
 

@@ -115,16 +115,6 @@ class Packer:
 
 
 @dataclass(frozen=True)
-class Scene(Region):
-    """Place of a run, and how finely its page has it."""
-
-    @property
-    def step(self) -> float:
-        """Step of packed positions, m."""
-        return 5e-5 * self.size
-
-
-@dataclass(frozen=True)
 class Ghost:
     """Another run, whose agents are drawn translucent; the counterpart in the browser is web/src/ghosts.js.
 
@@ -176,12 +166,12 @@ def pack(
     positions = positions_in(own, content.surface_height) - origin
     seen = positions.copy()
     seen[:, : content.agents][np.isnan(own["tracking_error"].values)] = np.nan  # absent agents
-    scene = Scene.of(seen)
+    scene = Region.of(seen)
     if ahead is not None:
-        scene = Scene.of(np.concatenate([positions[0], ahead - origin]))
+        scene = Region.of(np.concatenate([positions[0], ahead - origin]))
     elif dataset.attrs["status"] != "finished":  # vehicles that blew up leave the picture
-        began = Scene.of(positions[0])
-        scene = Scene(began.centre, min(scene.size, 4.0 * began.size))
+        began = Region.of(positions[0])
+        scene = Region(began.centre, min(scene.size, 4.0 * began.size))
     shown = scene.step * np.rint(scene.confined(positions) / scene.step)
     described = add_samples(packer, dataset, own, content.surface_height, phases, scene, origin)
     for k, values in enumerate(bounds.values()):
@@ -207,7 +197,7 @@ def add_samples(
     own: xr.Dataset,
     surface_height: float,
     phases: Sequence[Phase],
-    scene: Scene,
+    scene: Region,
     origin: Array,
 ) -> dict[str, Any]:
     """Add everything that the page shows of some samples of the run.
@@ -262,7 +252,7 @@ def _continuous(quaternions: Array) -> Array:
     return np.asarray(known * np.concatenate([np.ones((1, known.shape[1])), signs])[..., None])
 
 
-def _largest_error(run: RecordedRun, origin: Array, scene: Scene, time: Array, shown: Array) -> float:
+def _largest_error(run: RecordedRun, origin: Array, scene: Region, time: Array, shown: Array) -> float:
     """Compute the largest distance of a vehicle from its position on the page, m, except for vehicles that blew up."""
     page = Poses(time, shown, shown[:, :0], shown[:, :0], time)  # without attitudes, q* and errors
     largest = 0.0
@@ -303,7 +293,7 @@ def _add_edges(packer: Packer, phases: Sequence[Phase], positions: Array, own: x
 
 
 def _add_safety(
-    packer: Packer, phases: Sequence[Phase], positions: Array, own: xr.Dataset, scene: Scene, origin: Array
+    packer: Packer, phases: Sequence[Phase], positions: Array, own: xr.Dataset, scene: Region, origin: Array
 ) -> list[dict[str, Any]]:
     """Add where obstacles are, and what the filter keeps each agent from; return the description of each obstacle."""
     system = phases[0].system
@@ -339,7 +329,7 @@ def add_ghosts(
     ids: Sequence[str],
     positions: Array,
     time: Array,
-    scene: Scene,
+    scene: Region,
     origin: Array,
 ) -> list[dict[str, Any]]:
     """Pack where the agents of other runs are at the samples of a page, and their RMS tracking errors.

@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import IO, Any, Protocol
+from typing import IO, Any
 
 import h5netcdf
 import numpy as np
@@ -26,13 +26,22 @@ from pydantic_core import to_json
 from mjsheaf._version import __version__
 from mjsheaf.arrays import IntArray
 from mjsheaf.errors import InputError, PlaceError
-from mjsheaf.files import SUFFIXES, digest, figure_files, is_part_of, whole_directory, write_whole
+from mjsheaf.files import (
+    SUFFIXES,
+    digest,
+    figure_files,
+    is_part_of,
+    naming,
+    remove_empty,
+    whole_directory,
+    write_whole,
+)
 from mjsheaf.results.dataset import fault_of, join
 from mjsheaf.scenario import Scenario, load_scenario
 
 
-class Sink(Protocol):
-    """Interface for receiving a run."""
+class Sink:
+    """Interface for receiving a run; a subclass need not do anything at its start and at its end."""
 
     def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
         """Start; called once before the first chunk, with its variables and coordinates by name and its attributes."""
@@ -44,8 +53,8 @@ class Sink(Protocol):
         """Finish; also called if a run ends with an exception, or before it has started."""
 
 
-class Memory:
-    """Sink that keeps a run in memory.
+class Memory(Sink):
+    """Sink that keeps a run in memory; chunks contain everything.
 
     Attributes:
         overflowed: True if the run exceeds the limit; none of it is kept then.
@@ -57,9 +66,6 @@ class Memory:
         self._left = limit
         self._chunks: list[xr.Dataset] = []
 
-    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Do nothing, because chunks contain everything."""
-
     def write(self, chunk: xr.Dataset) -> None:
         """Keep a chunk."""
         self._left -= chunk.nbytes
@@ -67,9 +73,6 @@ class Memory:
         if self._left < 0.0:
             self.overflowed = True
             self._chunks.clear()
-
-    def close(self) -> None:
-        """Keep the chunks that were received."""
 
     @property
     def dataset(self) -> xr.Dataset:
@@ -135,8 +138,11 @@ def dataset_bytes(dataset: xr.Dataset) -> bytes:
     return file.getvalue()
 
 
-class NetCDF:
-    """Sink that writes netCDF-4 in a separate thread, so that no signal interrupts HDF5."""
+class NetCDF(Sink):
+    """Sink that writes netCDF-4 in a separate thread, so that no signal interrupts HDF5.
+
+    The first chunk includes the variables without time.
+    """
 
     def __init__(self, file: IO[bytes]) -> None:
         """Write into an open, empty file."""
@@ -164,9 +170,6 @@ class NetCDF:
                 os.pwrite(self._file.fileno(), bytes(size), begin)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._file.name)) from None
-
-    def open(self, variables: Mapping[Any, xr.Variable], attrs: Mapping[str, Any]) -> None:
-        """Do nothing, because the first chunk includes the variables without time."""
 
     def write(self, chunk: xr.Dataset) -> None:
         """Append a chunk to the file."""
@@ -414,16 +417,13 @@ def staging(directory: Path) -> Iterator[Path]:
     place = Path(os.path.abspath(directory))
     missing = [parent for parent in place.parents if not parent.exists()]  # the deepest first
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with whole_directory(place) as fresh:
-            yield fresh
-            check_replaceable(place)  # again, because it may have changed since
-    except OSError as error:
-        raise PlaceError(f"{directory}: cannot be written: {error.strerror or error}") from error
+        with naming(directory, kind=PlaceError):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            with whole_directory(place) as fresh:
+                yield fresh
+                check_replaceable(place)  # again, because it may have changed since
     finally:
-        for parent in missing:
-            with suppress(OSError):  # it holds the published directory
-                parent.rmdir()
+        remove_empty(missing)  # those that do not hold the published directory
 
 
 def save_summary(summary: dict[str, Any], path: Path) -> None:

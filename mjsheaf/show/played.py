@@ -186,6 +186,11 @@ class Region:
     centre: Array
     size: float
 
+    @property
+    def step(self) -> float:
+        """Step of packed positions on a page, m."""
+        return 5e-5 * self.size
+
     @classmethod
     def of(cls, positions: Array, part: float | None = None) -> Self:
         """Measure positions, shape (..., 3), some of which may be of a run that blew up.

@@ -32,7 +32,7 @@ import pyarrow as pa
 
 from mjsheaf._version import __version__
 from mjsheaf.errors import InputError, PlaceError, shortened
-from mjsheaf.files import digest, dump_yaml, figure_files, is_part_of, naming, parse_yaml, write_whole
+from mjsheaf.files import digest, dump_yaml, figure_files, is_part_of, naming, parse_yaml, remove_empty, write_whole
 from mjsheaf.progress import Report, no_progress, shown
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.results.store import enclosing_run, read_mapping, record_in
@@ -108,7 +108,7 @@ class StudyDirectory:
             for name in (_STUDY, _SCENARIO, _TIMINGS, _LOCK):
                 with suppress(OSError):
                     (self.path / name).unlink()
-            _remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self.made])
+            remove_empty([self.path / _RUNS, self.path / _TRAJECTORIES, *self.made])
 
     def writing(self) -> AbstractContextManager[None]:
         """Turn an error of the file system into one that names the directory."""
@@ -167,7 +167,7 @@ def open_directory(path: Path, plan: Plan) -> Iterator[StudyDirectory]:
             path.mkdir(parents=True, exist_ok=True)
             lock = (path / _LOCK).open("a")
     except PlaceError:
-        _remove_empty(missing)
+        remove_empty(missing)
         raise
     with lock:
         with naming(path, "choose another --out", PlaceError, "locked"):  # for example on a file system without locks
@@ -248,12 +248,6 @@ def _begin(path: Path, plan: Plan) -> None:
 
 def _has_runs(path: Path) -> bool:
     return any((path / _RUNS).glob("[0-9]*.json"))
-
-
-def _remove_empty(places: list[Path]) -> None:
-    for place in places:
-        with suppress(OSError):
-            os.rmdir(place)
 
 
 def _leaves(value: Any, path: str = "") -> dict[str, str]:

@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
-from mjsheaf.files import whole_file
+from mjsheaf.files import naming, whole_file
 from mjsheaf.show.played import number_begun
 from mjsheaf.show.style import MATPLOTLIB
 from mjsheaf.video.camera import SMOOTHING, View, camera_path
@@ -185,21 +185,18 @@ def write_mp4(path: Path, frames: Iterable[Callable[[], Any]], fps: float) -> in
         PlaceError: The file cannot be written, or its disk is full.
         MjsheafError: ffmpeg is missing or fails.
     """
-    try:
-        with whole_file(path) as part:
-            try:
-                count = _encode(part, frames, fps)
-                if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
-                    raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames)")
-            except MjsheafError:
-                # The disk may be full, which ffmpeg does not tell: write more than it does at a time.
-                with part.open("ab", buffering=0) as file:
-                    room = bytes(1 << 20)
-                    while room:
-                        room = room[file.write(room) :]
-                raise
-    except OSError as error:
-        raise PlaceError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with naming(path, kind=PlaceError), whole_file(path) as part:
+        try:
+            count = _encode(part, frames, fps)
+            if abs(_duration(part) - count / fps) > 1 / fps + 0.01:  # ffmpeg gives hundredths of a second
+                raise MjsheafError(f"ffmpeg did not finish {path} ({count} frames)")
+        except MjsheafError:
+            # The disk may be full, which ffmpeg does not tell: write more than it does at a time.
+            with part.open("ab", buffering=0) as file:
+                room = bytes(1 << 20)
+                while room:
+                    room = room[file.write(room) :]
+            raise
     return count
 
 

@@ -15,12 +15,13 @@ from matplotlib.figure import Figure
 import mjsheaf
 from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.files import digest
-from mjsheaf.page.page import Ghost, Packer, Scene, add_ghosts
+from mjsheaf.page.page import Ghost, Packer, add_ghosts
 from mjsheaf.results import store, write_dataset
 from mjsheaf.results.store import RUNS_FILES
 from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, compare_runs, open_runs, publish_runs
 from mjsheaf.runs.publish import account_of, write_scenario
 from mjsheaf.scenario import Scenario
+from mjsheaf.show.played import Region
 from tests.builders import approx, list_members, two_boats
 from tests.checking.test_norms import errors_of, records
 from tests.commands import Capture, answer_of, call, is_refusal
@@ -261,7 +262,7 @@ def test_ghosts_are_where_their_run_has_them(runs: Path) -> None:
     time = page["time"].values[::10]
     ghost = Ghost("other", "#123456", other, 0.0)
     ids, positions = page["agent"].values.tolist(), np.zeros((len(time), page.sizes["agent"] + page.sizes["target"], 3))
-    told = add_ghosts(Capture(), [ghost], ids, positions, time, Scene(np.zeros(3), 10.0), np.zeros(3))
+    told = add_ghosts(Capture(), [ghost], ids, positions, time, Region(np.zeros(3), 10.0), np.zeros(3))
     assert told == [{"name": "other", "colour": "#123456"}]
     places = captured["ghost0"]
     assert np.isnan(places[:, 0]).all()  # A0 is not in the other run

@@ -19,7 +19,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import READERS
 from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
 from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, fault_of, reference
-from mjsheaf.results.store import Memory, send
+from mjsheaf.results.store import Memory, Sink, send
 from mjsheaf.runs.simulate import stream
 from tests.builders import boat_and_drone
 
@@ -77,7 +77,7 @@ def test_a_compiled_reader_writes_while_the_loop_runs(backend: str, monkeypatch:
     np.testing.assert_array_equal(found["heading_east"], found["velocity_command"][..., 0])
 
 
-class Counting:
+class Counting(Sink):
     """Sink that stores its arguments."""
 
     def __init__(self) -> None:
