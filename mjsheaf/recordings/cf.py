@@ -82,12 +82,10 @@ def _require_whole(file: BinaryIO) -> None:
     Raises:
         OSError: HDF5 cannot open it.
     """
-    whole = file.read(len(_SIGNATURE)) != _SIGNATURE
-    file.seek(0)
-    if not whole:
+    if file.read(len(_SIGNATURE)) == _SIGNATURE:
         with h5py.File(file, "r") as data:
             data.attrs.get("_nc3_strict")
-        file.seek(0)
+    file.seek(0)
 
 
 def text_of(variable: Any, key: str) -> str:
@@ -279,15 +277,14 @@ def plane_of(
                 f"its axes {axes[0].name} and {axes[1].name} ({text_of(axes[0], 'units') or 'no unit'}) are not "
                 f"degrees; expected these, or a grid_mapping that pyproj reads{why}"
             )
-    for axis, kind in ((x, "longitude"), (y, "latitude")):
-        if axis is not None and axis.ndim > 1:
-            raise InputError(
-                f"the grid is curvilinear ({axis.name} has {axis.ndim} dimensions); expected one along longitude and "
-                "latitude: interpolate it first, for example with cdo remapbil"
-            )
-        if axis is None or axis.ndim == 0:
-            raise InputError(f"has no {kind} along an axis; expected one in degrees")
-    raise InputError("has no longitude and latitude; expected both in degrees")
+    # One of them is not along an axis.
+    axis, kind = (y, "latitude") if x is not None and x.ndim == 1 else (x, "longitude")
+    if axis is not None and axis.ndim > 1:
+        raise InputError(
+            f"the grid is curvilinear ({axis.name} has {axis.ndim} dimensions); expected one along longitude and "
+            "latitude: interpolate it first, for example with cdo remapbil"
+        )
+    raise InputError(f"has no {kind} along an axis; expected one in degrees")
 
 
 def _find_places(part: xr.DataArray, role: str, names: tuple[str, ...]) -> list[xr.DataArray]:

@@ -179,9 +179,6 @@ def labelled_edges(system: "System") -> list[tuple[Key, Edge]]:
     return found
 
 
-Test = Callable[[Samples], bool]
-
-
 class Variable(NamedTuple):
     """A recorded variable, or a coordinate.
 
@@ -201,7 +198,7 @@ class Variable(NamedTuple):
     unit: str | Callable[[Samples], str]
     long_name: str
     values: Callable[[Samples], Any]
-    where: Test = lambda _: True
+    where: Callable[[Samples], bool] = lambda _: True
     present: str = ""
     rows: str | None = None
 
@@ -510,8 +507,7 @@ def in_pieces(pieces: Iterable[xr.Dataset], samples: int) -> Iterator[xr.Dataset
             whole = join(held)
             yield whole.isel(time=slice(0, samples))
             held = [whole.isel(time=slice(samples, None))]
-    if held:
-        yield join(held)
+    yield join(held)
 
 
 def _number_phases(phases: Sequence[Phase], samples: IntArray) -> Coordinate:

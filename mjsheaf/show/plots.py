@@ -91,9 +91,8 @@ def settle(figure: Figure) -> None:
 
 def lay_out(figure: Figure) -> None:
     """Give panels and legends their places, without drawing anything."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.execute(figure)
+    engine: Any = figure.get_layout_engine()
+    engine.execute(figure)
     for axis in figure.axes:
         axis.apply_aspect()
 
