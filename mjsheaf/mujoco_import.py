@@ -21,15 +21,10 @@ __all__ = ["mujoco", "quiet", "refusing"]
 try:
     import mujoco
 except (ImportError, RuntimeError, AttributeError):  # what a missing or unknown backend raises
-    given = os.environ.get("MUJOCO_GL")
-    os.environ["MUJOCO_GL"] = "off"
-    try:
+    from unittest.mock import patch
+
+    with patch.dict(os.environ, MUJOCO_GL="off"):
         import mujoco
-    finally:
-        if given is None:
-            del os.environ["MUJOCO_GL"]
-        else:
-            os.environ["MUJOCO_GL"] = given
 
 
 _READING = RLock()
