@@ -23,7 +23,7 @@ from mjsheaf.files import naming, whole_directory, whole_file
 from mjsheaf.loop.system import Phase
 from mjsheaf.results.store import BAG, Sink, length_of_piece, reopen_run, send, split, strange_in_bag
 from mjsheaf.scenario import Scenario
-from mjsheaf.show.played import edges_of, goals_in, has_bodies, joined, residuals_in
+from mjsheaf.show.played import edges_of, goals_in, has_bodies, joined, positions_in, residuals_in
 from mjsheaf.show.solids import parts_of
 from mjsheaf.show.style import groups_of
 
@@ -204,16 +204,13 @@ class LogSink(Sink, ABC):
 
         On ideal kinematics vehicles have no attitude, and the frame's origin is the controlled point.
         """
-        bodies = has_bodies(chunk)
-        positions = joined(chunk, "body_position" if bodies else "position")
-        poses = np.zeros((*positions.shape[:2], 7))
-        poses[..., :3] = positions
-        if bodies:
-            poses[..., 3:] = joined(chunk, "orientation")[..., [1, 2, 3, 0]]
-        else:
-            poses[:, self.phases[0].system.planar, 2] = self.scenario.scene.height
-            poses[..., 6] = 1.0
-        return poses
+        if has_bodies(chunk):
+            return np.concatenate(
+                [joined(chunk, "body_position"), joined(chunk, "orientation")[..., [1, 2, 3, 0]]], axis=2
+            )
+        positions = positions_in(chunk, self.scenario.scene.height)
+        level = np.broadcast_to([0.0, 0.0, 0.0, 1.0], (*positions.shape[:2], 4))
+        return np.concatenate([positions, level], axis=2)
 
 
 FORMATS = {"mcap": "run.mcap", "ros2": BAG}
@@ -236,13 +233,6 @@ def require_installed(formats: Sequence[str]) -> list[Callable[..., Sink]]:
                 f"--{name} needs packages that are not installed ({error.name}): pip install 'mjsheaf[{extras}]'"
             ) from None
     return found
-
-
-def sinks_of(formats: Sequence[str], directory: Path, scenario: Scenario, phases: Sequence[Phase]) -> list[Sink]:
-    """Return the sinks that write a run's exports into its directory, which has scenario.yaml."""
-    source = directory / "scenario.yaml"
-    kinds = zip(formats, require_installed(formats), strict=True)
-    return [kind(directory / FORMATS[name], scenario, phases, source) for name, kind in kinds]
 
 
 def export_run(directory: Path, format_name: str, out: Path | None = None) -> Path:

@@ -27,7 +27,7 @@ from mjsheaf.checking.separation import too_close_in
 from mjsheaf.checking.theorem.of_run import HeldBound, RunBound, bounds_of_phases
 from mjsheaf.compile.jit import compilation_time, working_time
 from mjsheaf.errors import InputError, MjsheafError, PlaceError
-from mjsheaf.export import require_installed, sinks_of
+from mjsheaf.export import FORMATS, require_installed
 from mjsheaf.files import SUFFIXES, digest, dump_yaml, naming, write_whole
 from mjsheaf.law.in_python import Controller
 from mjsheaf.loop.engine import samples_in_piece
@@ -244,9 +244,10 @@ def publish(
     phases = phases_of(simulated)
     replaced = store.replaced_run(directory)
     with store.staging(directory) as fresh, ExitStack() as held:
-        write_scenario(scenario, fresh)
+        source = write_scenario(scenario, fresh)
         pieces = store.split(run, samples_in_piece(phases[0].system)) if isinstance(run, xr.Dataset) else run
-        sinks = sinks_of(exports, fresh, scenario, phases)
+        kinds = zip(exports, require_installed(exports), strict=True)
+        sinks = [kind(fresh / FORMATS[name], scenario, phases, source) for name, kind in kinds]
         with timings.part("data"):
             dataset = held.enter_context(store.write_and_open(pieces, fresh / "result.nc", *sinks))
         seconds = timings.parts.get("simulation")
