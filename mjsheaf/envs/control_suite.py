@@ -122,10 +122,6 @@ class Tracking(control.Task):  # type: ignore[misc] # dm_control has no types
             for agent, own in self.episode.observe().items()
         }
 
-    def reward_spec(self) -> Any:
-        """Rewards of all agents in order, shape (N,), or their sum, m^2."""
-        return specs.Array(() if self.one_reward else (len(self.episode.agents),), np.float64, name="reward")
-
     def get_observation(self, physics: BodyPhysics) -> dict[str, dict[str, Array]]:
         """Return what each agent measures itself."""
         return self.episode.observe()
@@ -152,7 +148,8 @@ class TeamEnvironment(control.Environment):  # type: ignore[misc] # dm_control h
 
     def reward_spec(self) -> Any:
         """Rewards of all agents in order, shape (N,), or their sum, m^2."""
-        return self.task.reward_spec()
+        task = self.task
+        return specs.Array(() if task.one_reward else (len(task.episode.agents),), np.float64, name="reward")
 
 
 def dm_env(

@@ -46,11 +46,6 @@ def named_edges(edges: Iterable[Edge]) -> dict[tuple[tuple[str, str], int], Edge
     return named
 
 
-def _size_of(edge: Edge) -> int:
-    """Return how many numbers an edge's measurement has."""
-    return 1 if edge.measures == "range" else len(edge.b)
-
-
 class Episode:
     """A scenario on MuJoCo bodies, one control period at a time, with actions added to its law.
 
@@ -313,7 +308,7 @@ class Episode:
         for i, (name, keys) in enumerate(self.keys.items()):
             heard = np.array([received.get(key, False) for key in keys], dtype=np.bool_)
             parts = [
-                numbers[key] if there else np.zeros(_size_of(edge))
+                numbers[key] if there else np.zeros(1 if edge.measures == "range" else len(edge.b))
                 for key, there, edge in zip(keys, heard, self.edges[name], strict=True)
             ]
             present = self.present[i]
