@@ -148,10 +148,6 @@ class Event(Section):
         """
         raise NotImplementedError
 
-    def touches(self, part: str) -> bool:
-        """Return True if the event changes that part of the controller."""
-        return False
-
     @property
     def words(self) -> str:
         """The event in a few words: its field and whom it is about, such as: cut A1 - A4."""

@@ -32,7 +32,7 @@ from mjsheaf.media import varying
 from mjsheaf.media.flow import NO_FLOW, FlowField
 from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.noise import generator_of
-from mjsheaf.scenario.events import AnyEvent, phases_of_events
+from mjsheaf.scenario.events import AnyEvent, Change, phases_of_events
 from mjsheaf.section import Duration, Id, NonNegative, Number, Point, Positive, Section
 from mjsheaf.sheaf.nonlinear import Measure
 from mjsheaf.team import Anchor, Formation, Member, Team
@@ -880,7 +880,8 @@ class Scenario(Section):
             start=self.time.start,
             height=height,
             heading=heading,
-            feedforward=self.controller.feedforward is not None or any(e.touches("feedforward") for e in events),
+            feedforward=self.controller.feedforward is not None
+            or any(e.touches("feedforward") for e in events if isinstance(e, Change)),
             run=self.team,
         )
         limits = [a.velocity_limit or law.velocity_limit or np.inf for a in self.agents] + [np.inf] * len(self.targets)
