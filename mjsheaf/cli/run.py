@@ -55,13 +55,7 @@ _NORMS = {
     "formation_error": "RMS over edges",
     "centering_error": "largest group",
 }
-_FILES = {"report.html": "replay, for any browser", "video.mp4": "video"}
 _WIDTH = 120  # least on a terminal, as numbers must not be cut; that of report.txt
-_COMPARED_FILES = {
-    "report.html": "replay of both runs, for any browser",
-    "report.txt": "the whole report, which --full prints",
-    "compare.json": "every number",
-}
 _MAX_NOTES = 4  # lines
 _MAX_ROWS = 5  # of the table
 
@@ -133,7 +127,7 @@ def print_outcome(outcome: "lazy.publish.Outcome", *, overridden: bool = False) 
         *(f"DRIFTS: {direction}; errors refer to the q* of least norm" for direction in summary["free_directions"]),
         *effort,
         *([outcome.replaced] if outcome.replaced else []),
-        *describe_files(outcome.directory, _FILES),
+        *describe_files(outcome.directory, {"report.html": "replay, for any browser", "video.mp4": "video"}),
     )
 
 
@@ -375,7 +369,12 @@ def compare(
         make_console(_WIDTH).print(lazy.comparing_page.report(record))
     else:
         print_lines(*lazy.comparing_page.summary(record))
-    print_lines(*filter(None, [published.replaced]), *describe_files(directory, _COMPARED_FILES))
+    about = {
+        "report.html": "replay of both runs, for any browser",
+        "report.txt": "the whole report, which --full prints",
+        "compare.json": "every number",
+    }
+    print_lines(*filter(None, [published.replaced]), *describe_files(directory, about))
     if video:
         _draw_video(
             directory / "compare.mp4",
@@ -505,12 +504,6 @@ def expect(
 
 
 _Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
-_GridOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="PATH=V1,V2,...", help="Values of a field, PATH as for --set. Repeat to run all combinations."
-    ),
-]
 
 
 def sweep(
@@ -520,7 +513,12 @@ def sweep(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Directory for the study: a new one, or that of a study to resume.")
     ],
-    grid: _GridOption = None,
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH=V1,V2,...", help="Values of a field, PATH as for --set. Repeat to run all combinations."
+        ),
+    ] = None,
     seeds: Annotated[
         str | None, typer.Option(metavar="A:B", help="Run every point with each of the seeds A to B - 1.")
     ] = None,
