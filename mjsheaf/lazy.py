@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import mjsheaf.cli.figures as check_figure
     import mjsheaf.comparing.compare as comparing
     import mjsheaf.comparing.page as comparing_page
-    from mjsheaf import checking, export, files, progress, scenario, threads, video
+    from mjsheaf import checking, export, files, progress, scenario, threads
     from mjsheaf.checking import record, report
     from mjsheaf.checking.theorem import theorem
     from mjsheaf.live import live
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mjsheaf.show import plots, style
     from mjsheaf.studies import plan, study, workers
     from mjsheaf.vehicles import effects, loading
-    from mjsheaf.video import draw, film
+    from mjsheaf.video import draw, film, gl
 else:
     _PLACES = {
         "check_figure": "cli.figures",
@@ -38,6 +38,7 @@ else:
         "files": "files",
         "film": "video.film",
         "flow_files": "media.flow_files",
+        "gl": "video.gl",
         "live": "live.live",
         "load": "scenario.load",
         "loading": "vehicles.loading",
@@ -55,7 +56,6 @@ else:
         "style": "show.style",
         "theorem": "checking.theorem.theorem",
         "threads": "threads",
-        "video": "video",
         "workers": "studies.workers",
     }
 

@@ -26,11 +26,11 @@ from mjsheaf.files import dump_yaml
 from mjsheaf.media.flow import Channel, FlowField, Source, Vortex
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario, scenario_from_mapping
 from mjsheaf.show.played import Poses, Stage
-from mjsheaf.studies import Plan, load_plan
+from mjsheaf.studies.plan import Plan, load_plan
 from mjsheaf.studies.workers import Workers, local_workers
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.vehicles.loading import list_vehicles
-from mjsheaf.video import Film
+from mjsheaf.video.film import Film
 from tests.oracles.flow import flow_jacobian as flow_jacobian
 
 Array = NDArray[np.float64]

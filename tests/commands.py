@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from mjsheaf.cli import main
-from mjsheaf.video import available_backend
+from mjsheaf.video.gl import available_backend
 from tests.builders import names
 
 IDEAL = ("--backend", "ideal", "--no-video", "--set", "time.end=0.2")

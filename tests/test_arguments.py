@@ -8,7 +8,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.errors import InputError
-from mjsheaf.studies import load_plan
+from mjsheaf.studies.plan import load_plan
 from mjsheaf.studies.workers import local_workers
 from tests.builders import mixed_scenario, names
 

@@ -24,8 +24,7 @@ from pydantic import BaseModel, TypeAdapter
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.scenario import Scenario, list_scenarios
-from mjsheaf.studies import load_plan
-from mjsheaf.studies.plan import StudyFile
+from mjsheaf.studies.plan import StudyFile, load_plan
 from mjsheaf.vehicles.actuators import AnyActuator
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.vehicle import VehicleDescription

@@ -155,7 +155,7 @@ def test_what_is_no_format_is_refused(formats: tuple[str, ...]) -> None:
 
 def plots_of(name: str, overrides: dict[str, Any], options: FigureOptions = FigureOptions()) -> None:  # noqa: B008
     from mjsheaf import load_scenario, simulate
-    from mjsheaf.results import thinned
+    from mjsheaf.results.store import thinned
     from mjsheaf.runs.publish import _plots_of
 
     scenario = load_scenario(name, overrides)

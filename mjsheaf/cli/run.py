@@ -647,7 +647,7 @@ def video(
         own = directory / "video.mp4"
         path = own if out is None else out
         require_place(path, own, ".mp4")
-        backend, reason = lazy.video.available_backend()
+        backend, reason = lazy.gl.available_backend()
         if backend is None:
             raise InputError(f"no video can be drawn here: {reason}")
         film = lazy.film.film_of(scenario, dataset)

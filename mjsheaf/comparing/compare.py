@@ -38,8 +38,8 @@ from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import Phase
 from mjsheaf.page import Ghost, page_of
 from mjsheaf.progress import Report, no_progress
-from mjsheaf.results import summarize
 from mjsheaf.results.dataset import law_of
+from mjsheaf.results.metrics import summarize
 from mjsheaf.results.store import replaced_run, save_summary, staging
 from mjsheaf.runs.diagnostics import examine_terms
 from mjsheaf.runs.publish import draw_video, write_scenario

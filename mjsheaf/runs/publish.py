@@ -36,9 +36,17 @@ from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.page import bound_curves, page_of
 from mjsheaf.progress import Report, no_progress, shown
-from mjsheaf.results import check_expectation, open_dataset, store, summarize, thinned
+from mjsheaf.results import store
 from mjsheaf.results.dataset import fault_of, in_pieces
-from mjsheaf.results.metrics import communication, delivery_of, engine_of, safety_of, summarize_phases
+from mjsheaf.results.metrics import (
+    check_expectation,
+    communication,
+    delivery_of,
+    engine_of,
+    safety_of,
+    summarize,
+    summarize_phases,
+)
 from mjsheaf.runs.diagnostics import examine_terms, notes_of_run
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -290,7 +298,7 @@ def add_video(outcome: Outcome, scenario: Scenario, options: VideoOptions, progr
     """
     directory = outcome.directory
     timings = Timings()
-    with open_dataset(directory / "result.nc") as dataset, timings.part("video"):
+    with store.open_dataset(directory / "result.nc") as dataset, timings.part("video"):
         frames, reason = draw_video(
             lambda: [film_of(scenario, dataset)],
             directory / "video.mp4",
@@ -323,7 +331,7 @@ def account_of(
     timings = timings or Timings()
     system = phases[0].system
     own = summarize_phases(system.team, dataset)
-    drawn = thinned(dataset)
+    drawn = store.thinned(dataset)
     attrs = dataset.attrs
     steps = dataset.sizes["time"] - 1
     grid = system.grid
@@ -469,7 +477,7 @@ def plot_again(
     """
     with store.reopen_run(directory) as (scenario, dataset, _):
         bounds = bounds_of_phases(scenario.phases, dataset)
-        plots = _plots_of(scenario, scenario.phases, thinned(dataset), bounds, figures, progress)
+        plots = _plots_of(scenario, scenario.phases, store.thinned(dataset), bounds, figures, progress)
     with naming(folder):
         folder.mkdir(parents=True, exist_ok=True)
     for name, data in plots.items():
@@ -611,7 +619,7 @@ def plot(result: xr.Dataset | str | Path, *, title: bool = True) -> Figures:
             no run.
     """
     with _opened(result, "plot") as (scenario, dataset, _), MATPLOTLIB:
-        phases, drawn = scenario.phases, thinned(dataset)
+        phases, drawn = scenario.phases, store.thinned(dataset)
         draw = _figures_of(scenario, phases, drawn, bounds_of_phases(phases, dataset), FigureOptions(title=title))
         return Figures((name, make()) for name, make in draw.items())
 

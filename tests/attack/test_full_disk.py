@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mjsheaf.results import dataset_bytes, write_dataset
+from mjsheaf.results.store import dataset_bytes, write_dataset
 from tests.commands import (
     CAN_DRAW,
     IDEAL,

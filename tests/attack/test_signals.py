@@ -23,8 +23,7 @@ from PIL import Image
 
 from mjsheaf import files as whole
 from mjsheaf.files import whole_directory, whole_file, write_whole
-from mjsheaf.results import open_run
-from mjsheaf.results.store import FILES
+from mjsheaf.results.store import FILES, open_run
 from tests.builders import REPOSITORY
 from tests.commands import CAN_DRAW, IDEAL, SMALL, answer_of, command_line, heed_interrupts, leftovers, one_line
 

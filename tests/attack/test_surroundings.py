@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from mjsheaf.files import is_part_of
-from mjsheaf.results import open_run
+from mjsheaf.results.store import open_run
 from tests.builders import REPOSITORY
 from tests.commands import IDEAL, RUN_FILES, answer_of, command_line, is_refusal, one_line
 

@@ -67,7 +67,7 @@ def films(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         return 1
 
     monkeypatch.setattr("mjsheaf.video.draw.draw_video", read)
-    monkeypatch.setattr("mjsheaf.video.available_backend", lambda: ("egl", ""))
+    monkeypatch.setattr("mjsheaf.video.gl.available_backend", lambda: ("egl", ""))
     return drawn
 
 

@@ -54,7 +54,7 @@ def test_wheel_installs_and_runs_elsewhere(tmp_path: Path) -> None:
     where = run(python, "-c", "import mjsheaf; print(mjsheaf.__file__)", cwd=elsewhere)
     assert str(REPOSITORY) not in where
 
-    from mjsheaf.results import open_run
+    from mjsheaf.results.store import open_run
 
     with open_run(elsewhere / "runs" / "local_frames-physics") as (dataset, _):
         installed = dataset.load()

@@ -21,8 +21,8 @@ from mjsheaf.comparing.page import MAX_LINES, SCREEN_WIDTH, WIDTH, report_text, 
 from mjsheaf.comparing.variants import ladder_of, run_ablation
 from mjsheaf.results.store import COMPARISON_FILES
 from mjsheaf.scenario import load_scenario
-from mjsheaf.video import available_backend
 from mjsheaf.video.film import Frames, VideoOptions, both_films, half_options
+from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
 from tests.builders import REPOSITORY, known, require, two_boats
 from tests.commands import Capture, answer_of, call, is_refusal, one_line

@@ -16,8 +16,8 @@ import mjsheaf
 from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.files import digest
 from mjsheaf.page.page import Ghost, Packer, add_ghosts
-from mjsheaf.results import store, write_dataset
-from mjsheaf.results.store import RUNS_FILES
+from mjsheaf.results import store
+from mjsheaf.results.store import RUNS_FILES, write_dataset
 from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, compare_runs, open_runs, publish_runs
 from mjsheaf.runs.publish import account_of, write_scenario
 from mjsheaf.scenario import Scenario

@@ -17,7 +17,7 @@ from mjsheaf.errors import UndecidedError
 from mjsheaf.law.law import Memory, carry, evaluate_law, look, new_memory
 from mjsheaf.loop.system import System
 from mjsheaf.noise import stream_of, uniforms
-from mjsheaf.results import dataset_bytes
+from mjsheaf.results.store import dataset_bytes
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, mixed_scenario, team_of
 from tests.law.test_terms import ALL, FEEDFORWARD, MOVING, NEWTON, Array, long_team, unlike_team

@@ -15,8 +15,7 @@ from mjsheaf.checking import examine
 from mjsheaf.checking.report import report
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.loop.system import Phase
-from mjsheaf.results import check_expectation, summarize
-from mjsheaf.results.metrics import summarize_phases
+from mjsheaf.results.metrics import check_expectation, summarize, summarize_phases
 from mjsheaf.runs.publish import execute
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario

@@ -13,7 +13,7 @@ from mjsheaf import load_scenario, simulate, simulate_many
 from mjsheaf.errors import InputError
 from mjsheaf.files import dump_yaml
 from mjsheaf.runs.expecting import try_scenario
-from mjsheaf.studies import load_plan
+from mjsheaf.studies.plan import load_plan
 from mjsheaf.studies.workers import run_job
 from tests.builders import make_fields, make_scenario, mixed_scenario, refused
 from tests.commands import answer_of

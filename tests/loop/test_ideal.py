@@ -16,7 +16,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.system import System
-from mjsheaf.results import make_datasets
+from mjsheaf.results.dataset import make_datasets
 from mjsheaf.scenario import Scenario
 from tests.builders import FACTS, FLOW, Simulated, build_scenario, mixed_scenario, pursuit
 from tests.oracles.law import medium, velocity_commands

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.results import summarize
-from mjsheaf.results.metrics import evaluate_errors, separations
+from mjsheaf.results.metrics import evaluate_errors, separations, summarize
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.team import Team
 from tests.builders import make_fields

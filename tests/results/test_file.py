@@ -13,8 +13,9 @@ import pytest
 import xarray as xr
 
 from mjsheaf import simulate
-from mjsheaf.results import join, make_datasets, open_dataset, store, thinned, write_dataset
-from mjsheaf.results.store import length_of_piece, pieces_of
+from mjsheaf.results import store
+from mjsheaf.results.dataset import join, make_datasets
+from mjsheaf.results.store import length_of_piece, open_dataset, pieces_of, thinned, write_dataset
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario

@@ -15,7 +15,7 @@ import xarray as xr
 
 from mjsheaf import simulate
 from mjsheaf.errors import PlaceError
-from mjsheaf.results import open_run
+from mjsheaf.results.store import open_run
 from mjsheaf.runs.publish import Timings, execute, publish
 from mjsheaf.scenario import Scenario, load_scenario
 from mjsheaf.video.film import video_options

@@ -150,7 +150,7 @@ def test_plots_are_drawn_again_one_by_one_and_a_refusal_leaves_nothing(directory
 
 
 def test_a_machine_without_opengl_is_told_so(directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjsheaf.video.available_backend", lambda: (None, "nothing works"))
+    monkeypatch.setattr("mjsheaf.video.gl.available_backend", lambda: (None, "nothing works"))
     answer = answer_of("video", directory, "--out", tmp_path / "a.mp4")
     assert is_refusal(answer, "no video can be drawn here: nothing works")
     assert list(tmp_path.iterdir()) == []

@@ -10,8 +10,7 @@ import pytest
 
 from mjsheaf import files as whole
 from mjsheaf.errors import PlaceError
-from mjsheaf.results import staging
-from mjsheaf.results.store import enclosing_run, record_in, save_summary
+from mjsheaf.results.store import enclosing_run, record_in, save_summary, staging
 from tests.builders import refused
 
 

@@ -17,9 +17,9 @@ from mjsheaf import simulate
 from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import READERS
-from mjsheaf.results import dataset, dataset_bytes, open_dataset, write_dataset
+from mjsheaf.results import dataset
 from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, fault_of, reference
-from mjsheaf.results.store import Memory, Sink, send
+from mjsheaf.results.store import Memory, Sink, dataset_bytes, open_dataset, send, write_dataset
 from mjsheaf.runs.simulate import stream
 from tests.builders import boat_and_drone
 

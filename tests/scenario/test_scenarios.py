@@ -14,7 +14,7 @@ import xarray as xr
 import mjsheaf
 from mjsheaf.errors import NotUniqueError, ScenarioError
 from mjsheaf.files import parse_yaml, read_yaml
-from mjsheaf.results import summarize
+from mjsheaf.results.metrics import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
 from mjsheaf.scenario.load import parse_override
 from mjsheaf.team.edges import ExplicitMaps

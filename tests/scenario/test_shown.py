@@ -10,8 +10,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import check, load_scenario, simulate
-from mjsheaf.results import summarize
-from mjsheaf.results.metrics import late_errors
+from mjsheaf.results.metrics import late_errors, summarize
 from mjsheaf.scenario import Scenario
 from tests.builders import REPOSITORY, Simulated
 from tests.test_claims import agrees

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from mjsheaf.errors import ScenarioError
-from mjsheaf.studies import load_plan
+from mjsheaf.studies.plan import load_plan
 from tests.builders import DATA, ONE_BOAT
 
 

@@ -12,10 +12,10 @@ import pytest
 
 import mjsheaf
 from mjsheaf.errors import PlaceError
-from mjsheaf.results import summarize
+from mjsheaf.results.metrics import summarize
 from mjsheaf.scenario.load import load_controller
-from mjsheaf.studies import load_plan, run_study
-from mjsheaf.studies.plan import Plan
+from mjsheaf.studies.plan import Plan, load_plan
+from mjsheaf.studies.study import run_study
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import answer_of, contents, is_refusal
 

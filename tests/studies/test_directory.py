@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from mjsheaf.errors import InputError, PlaceError
-from mjsheaf.studies import Plan, run_study
-from mjsheaf.studies.study import BusyError, open_directory
+from mjsheaf.studies.plan import Plan
+from mjsheaf.studies.study import BusyError, open_directory, run_study
 from mjsheaf.studies.workers import SchedulerError, versions
 from tests.builders import IN_THREADS, REPOSITORY, small_plan
 from tests.commands import answer_of, contents, files_of_at_most, is_refusal

@@ -15,7 +15,8 @@ from typing import Any
 import psutil
 import pytest
 
-from mjsheaf.studies import load_plan, run_study
+from mjsheaf.studies.plan import load_plan
+from mjsheaf.studies.study import run_study
 from tests.builders import IN_THREADS
 from tests.commands import contents, start, wait_until
 

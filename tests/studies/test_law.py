@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from mjsheaf import simulate
 from mjsheaf.results.metrics import late_errors
 from mjsheaf.scenario import load_scenario
-from mjsheaf.studies import load_plan
 from mjsheaf.studies.figures import plot_study, swept_axes
-from mjsheaf.studies.plan import StudyFile, points_of
+from mjsheaf.studies.plan import StudyFile, load_plan, points_of
 from mjsheaf.studies.study import results_of
 from mjsheaf.studies.workers import new_record, run_job
 from tests.pictures import is_legible

@@ -8,8 +8,7 @@ import pytest
 from mjsheaf.errors import InputError, ScenarioError
 from mjsheaf.files import list_studies
 from mjsheaf.scenario import load_scenario
-from mjsheaf.studies import load_plan
-from mjsheaf.studies.plan import parse_grid, parse_seeds
+from mjsheaf.studies.plan import load_plan, parse_grid, parse_seeds
 from tests.builders import dump_scenario
 
 

@@ -17,10 +17,9 @@ from matplotlib.figure import Figure
 
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.show.style import FigureOptions
-from mjsheaf.studies import load_plan, run_study
 from mjsheaf.studies.figures import plot_study, swept_axes
-from mjsheaf.studies.plan import Plan, StudyFile, points_of
-from mjsheaf.studies.study import RESULT_FILES, csv_of, make_table, results_of, sealed
+from mjsheaf.studies.plan import Plan, StudyFile, load_plan, points_of
+from mjsheaf.studies.study import RESULT_FILES, csv_of, make_table, results_of, run_study, sealed
 from mjsheaf.studies.workers import JobResult, new_record, run_job
 from tests.builders import FACTS, IN_THREADS, small_plan
 from tests.commands import answer_of, contents

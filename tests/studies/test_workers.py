@@ -17,7 +17,7 @@ from typing import Any
 import psutil
 import pytest
 
-from mjsheaf.studies import run_study
+from mjsheaf.studies.study import run_study
 from mjsheaf.studies.workers import (
     ForeignWorkerError,
     Job,

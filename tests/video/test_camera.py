@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjsheaf.arrays import Array
-from mjsheaf.video import VideoOptions
 from mjsheaf.video.camera import FILL, View, camera_path
-from mjsheaf.video.film import Frames
+from mjsheaf.video.film import Frames, VideoOptions
 from tests.builders import change_film, make_film, make_model, samples_of
 from tests.strategies import examples
 

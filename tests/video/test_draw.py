@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from mjsheaf.errors import MjsheafError
-from mjsheaf.video import VideoOptions, gl
+from mjsheaf.video import gl
 from mjsheaf.video.draw import Painter, draw_video
+from mjsheaf.video.film import VideoOptions
 from mjsheaf.video.scene import Lines
 from tests.builders import make_film, make_model, require, samples_of
 from tests.commands import drawing

@@ -10,15 +10,14 @@ from PIL import Image, ImageDraw
 
 from mjsheaf import medium, simulate
 from mjsheaf.errors import InputError
-from mjsheaf.results import open_dataset, write_dataset
+from mjsheaf.results.store import open_dataset, write_dataset
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.played import Poses
-from mjsheaf.video import VideoOptions
 from mjsheaf.video.camera import View
 from mjsheaf.video.draw import Painter
-from mjsheaf.video.film import Frames, film_of, video_options
+from mjsheaf.video.film import Frames, VideoOptions, film_of, video_options
 from mjsheaf.video.overlay import Overlay
 from mjsheaf.video.scene import Decorator
 from tests.builders import ONE_BOAT, boat_and_drone, make_scenario

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from mjsheaf.errors import MjsheafError
-from mjsheaf.video import available_backend, gl
+from mjsheaf.video import gl
+from mjsheaf.video.gl import available_backend
 from tests.commands import drawing
 
 Probe = Callable[[str], None]

@@ -14,9 +14,8 @@ from mjsheaf.errors import InputError
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.played import Medium, Stage, largest_speed
 from mjsheaf.show.style import STOPS, speed_colours
-from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
-from mjsheaf.video.film import Frames, video_options
+from mjsheaf.video.film import Film, Frames, VideoOptions, video_options
 from mjsheaf.video.overlay import Overlay, add_bars, add_legend, legend_rows
 from mjsheaf.video.scene import Decorator
 from tests.builders import change_film, make_film, make_model, samples_of

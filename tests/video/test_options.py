@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mjsheaf.errors import InputError
-from mjsheaf.video import VideoOptions
+from mjsheaf.video.film import VideoOptions
 
 OUT_OF_BOUNDS: dict[str, list[Any]] = {
     "width": [0, 1281, 100.5, 62, float("inf")],

@@ -9,9 +9,8 @@ import pytest
 from PIL import Image
 
 from mjsheaf.show.played import Stage
-from mjsheaf.video import Film, VideoOptions
 from mjsheaf.video.camera import View
-from mjsheaf.video.film import Frames, Moment
+from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.overlay import Overlay, font, shorten
 from mjsheaf.video.scene import HEAD_AT, HEADS, Decorator, Lines, enlarge_vehicles
 from tests.builders import change_film, make_film, make_model, samples_of

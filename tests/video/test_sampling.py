@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from mjsheaf.show.played import Poses
-from mjsheaf.video import VideoOptions
-from mjsheaf.video.film import Frames, frame_times
+from mjsheaf.video.film import Frames, VideoOptions, frame_times
 from tests.builders import change_film, make_film, make_model, make_run, samples_of
 
 
