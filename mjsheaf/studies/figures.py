@@ -51,15 +51,7 @@ _ENDS = {True: "converged run", None: "run that was not judged", False: "run tha
 _UNFINISHED = "run that did not finish"
 _COLOURS = dict(zip(_ENDS.values(), (BLUE, "#555555", "#D55E00"), strict=True))
 _MARKERS = dict(zip(_ENDS.values(), "osD", strict=True))
-_DECADES = 30.0  # ratio of largest to smallest value at or above which an axis is logarithmic
 _MOST_LINES = 10  # maximum number of lines in a panel
-_MOST_AXES = 6  # maximum number of swept fields that get a panel each
-_MOST_CELLS = 40  # maximum number of cells along a side of a heat map
-_MOST_WRITTEN = 8  # maximum number of columns of a heat map with its values in the cells
-_MOST_TICKS = 12  # maximum number of tick labels
-_LONGEST_TICK = 24  # maximum number of characters in a tick label
-_UNROTATED = 32  # maximum number of characters of all tick labels together, unless they are upright
-_BINS = 8  # groups of random values whose fractions are drawn
 
 
 @dataclass(frozen=True)
@@ -89,13 +81,13 @@ class SweptAxis:
 
     @property
     def step(self) -> int:
-        """Step from one labelled value to the next."""
-        return -(-len(self.places) // _MOST_TICKS)
+        """Step from one labelled value to the next: at most 12 have a label."""
+        return -(-len(self.places) // 12)
 
     @property
     def upright(self) -> bool:
-        """True if labels below a panel are rotated, because they do not fit side by side."""
-        return not self.numeric and len("  ".join(self.labels[:: self.step])) > _UNROTATED
+        """True if labels below a panel are rotated, because more than 32 letters do not fit side by side."""
+        return not self.numeric and len("  ".join(self.labels[:: self.step])) > 32
 
     def label(self, panel: Any, which: str, places: NDArray[Any]) -> None:
         """Label an axis ('x' or 'y') of a panel, and put the values' labels at `places`."""
@@ -134,7 +126,7 @@ def _axis_of(study: StudyFile, path: str, values: list[Any]) -> SweptAxis:
     names = [key for key in dict.fromkeys([*order, *keys]) if key in keys]
     index = pd.Index(names).get_indexer(keys).astype(np.int64)
     parts = [Path(name).name if name.endswith(SUFFIXES) else name for name in names]
-    labels = [plain(part if path == "points" else shortened(part, _LONGEST_TICK)) for part in parts]
+    labels = [plain(part if path == "points" else shortened(part, 24)) for part in parts]
     return SweptAxis(path, name, False, draw is not None, False, np.arange(len(names), dtype=np.float64), labels, index)
 
 
@@ -143,8 +135,9 @@ def _key(value: Any) -> str:
 
 
 def _spans_decades(values: Array) -> bool:
+    """Return True for values on a logarithmic axis: positive, with a ratio of largest to smallest of at least 30."""
     known = values[np.isfinite(values)]
-    return bool(known.size and known.min() > 0.0 and known.max() >= _DECADES * known.min())
+    return bool(known.size and known.min() > 0.0 and known.max() >= 30.0 * known.min())
 
 
 def plot_study(
@@ -202,14 +195,15 @@ def _final_errors(study: StudyFile, measures: Sequence[str], records: list[dict[
 
 
 def _draw(title: str, axes: list[SweptAxis], values: dict[str, Array], ends: NDArray[np.str_] | None) -> Figure:
-    """Draw panels for each kind of value: a heat map, a curve for each axis, or a distribution.
+    """Draw panels for each kind of value: a heat map, a curve for each of the first six axes, or a distribution.
 
-    Without `ends`, values are zeros and ones, and their fractions are drawn.
+    A heat map has at most 40 cells along a side. Without `ends`, values are zeros and ones, and their fractions are
+    drawn.
     """
     sizes = [len(axis.places) for axis in axes]
     cells = set(zip(*(axis.index.tolist() for axis in axes), strict=True))
-    maps = len(axes) == 2 and max(sizes) <= _MOST_CELLS and len(cells) > 0.6 * sizes[0] * sizes[1]
-    drawn: list[SweptAxis | None] = [None] if maps or not axes else list(axes[:_MOST_AXES])
+    maps = len(axes) == 2 and max(sizes) <= 40 and len(cells) > 0.6 * sizes[0] * sizes[1]
+    drawn: list[SweptAxis | None] = [None] if maps or not axes else list(axes[:6])
     columns = 1 if maps else len(drawn) if axes[1:] else 2
     below = 0.065 * max((len(max(axis.labels, key=len)) for axis in axes if axis.upright), default=0)
     figure, panels = _panels(len(values) * len(drawn), columns, title, below)
@@ -376,19 +370,22 @@ def _draw_runs(panel: Any, axis: SweptAxis, y: Array, ends: NDArray[np.str_], ov
 
 
 def _draw_shares(panel: Any, axis: SweptAxis, y: Array) -> None:
-    """Draw the mean of zeros and ones at each place, or in groups of equal size if values were drawn at random."""
+    """Draw the mean of zeros and ones at each place, or in eight groups of equal size if values are drawn at random."""
     x = axis.places[axis.index]
     if not axis.numeric:
         sns.barplot(x=x, y=y, errorbar=None, color=BLUE, saturation=1.0, native_scale=True, width=0.6, ax=panel)
         return
-    groups = pd.qcut(x, _BINS, labels=False, duplicates="drop") if axis.drawn else axis.index
+    groups = pd.qcut(x, 8, labels=False, duplicates="drop") if axis.drawn else axis.index
     means = pd.DataFrame({"x": x, "y": y}).groupby(groups).agg({"x": "median", "y": "mean"})
     sns.lineplot(means, x="x", y="y", marker="o", color=BLUE, ax=panel)
     panel.set(xlabel=axis.name, ylabel=panel.get_ylabel())
 
 
 def _draw_map(panel: Any, label: str, y: Array, shares: bool, axes: list[SweptAxis]) -> None:
-    """Draw the median, or fraction, of the runs in each cell of two fields; a cell without a value is grey."""
+    """Draw the median, or fraction, of the runs in each cell of two fields; a cell without a value is grey.
+
+    Up to eight columns have their values in the cells.
+    """
     across, up = axes
     cells = pd.Series(y).groupby([up.index, across.index]).agg("mean" if shares else "median").unstack()
     low, high = (0.0, 1.0) if shares else (np.nanmin(cells), np.nanmax(cells))
@@ -397,7 +394,7 @@ def _draw_map(panel: Any, label: str, y: Array, shares: bool, axes: list[SweptAx
     words = cells.map(lambda value: f"{value:.0%}" if shares else f"{value:.3g}")
     name = label if shares or len(y) <= cells.size else f"{label}, median"
     style = {"cmap": "viridis", "linewidths": 0.4, "xticklabels": False, "yticklabels": False, "fmt": ""}
-    annotated = {"annot": words if cells.shape[1] <= _MOST_WRITTEN else None, "annot_kws": {"fontsize": SMALL}}
+    annotated = {"annot": words if cells.shape[1] <= 8 else None, "annot_kws": {"fontsize": SMALL}}
     panel.set_facecolor("#BBBBBB")
     bar = sns.heatmap(cells, norm=norm, ax=panel, **style, **annotated).collections[0].colorbar
     bar.set_label(name, fontsize=NORMAL)

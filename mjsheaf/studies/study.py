@@ -284,7 +284,6 @@ _COLUMNS = {
 }
 """Types of the table's columns after `run` and the parameters, by name."""
 
-_MOST_ROWS = 2000  # maximum number of rows on the page
 _WORD = re.compile(r"[\w./][\w./-]*")
 
 
@@ -423,7 +422,10 @@ def csv_of(table: pd.DataFrame) -> bytes:
 
 
 def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
-    """Return the page as one HTML file that opens without a network; it embeds the plots (PNG by file name)."""
+    """Return the page as one HTML file that opens without a network; it embeds the plots (PNG by file name).
+
+    Its table has the first 2000 runs.
+    """
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
     environment.filters.update(shown=_shown)
     statuses = table["status"].tolist()
@@ -450,7 +452,7 @@ def page_of(plan: Plan, table: pd.DataFrame, plots: dict[str, bytes]) -> bytes:
         measures=MEASURES,
         rows=[
             {name: _cell(value) for name, value in row.items() if pd.notna(value)}
-            for row in table.head(_MOST_ROWS).to_dict("records")
+            for row in table.head(2000).to_dict("records")
         ],
         pages={point.number: page_of_run(point.number) for point in plan.points} if plan.study.trajectories else {},
     ).encode()

@@ -53,7 +53,6 @@ STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 """Statuses of a run: completed; blown up; refused, because its harmonic extension is not unique; invalid, because its
 point is not a valid scenario; failed with an unexpected error; lost with its worker process."""
 
-_MOST_SAMPLES = 500  # maximum number of samples of errors over time
 _KINDS = ("tracking", "formation", "centering", "group_formation", "group_centering")
 _LIGHT = ("disagreement", *(f"{kind}_error" for kind in _KINDS))
 TRAFFIC = "numbers_per_agent_second"
@@ -248,7 +247,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
             ratios = bound.ratio, bound.settled_ratio
         found["bound_ratio"], found["late_bound_ratio"] = map(finite, ratios)
     if study.trajectories:
-        found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], _MOST_SAMPLES)))
+        found["series"] = error_series_of(system.team, dataset.isel(time=thin(dataset.sizes["time"], 500)))
     found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
     if not study.trajectories:
@@ -306,9 +305,6 @@ def _bytes_of(dataset: xr.Dataset) -> bytes:
             break
     return written
 
-
-_LEAST_AHEAD = 64
-"""Minimum number of runs submitted to a cluster at a time; more would only fill the scheduler's memory."""
 
 _CONNECT_S = 10
 
@@ -491,7 +487,8 @@ def workers_at(address: str, note: Callable[[str], None] | None = None) -> Itera
         workers = sum(client.nthreads().values())
         if note and not workers:
             note(f"no worker yet at {address}; waiting")
-        yield Workers(submit, max(_LEAST_AHEAD, 4 * workers))
+        # A minimum, as workers may join; more would only fill the scheduler's memory.
+        yield Workers(submit, max(64, 4 * workers))
 
 
 def _answer(future: Future[JobResult], done: Any) -> None:
