@@ -43,10 +43,7 @@ ROUNDING = 1e-9
 """Largest errors, and oscillations of them, that count as rounding, m."""
 
 _MIN_SAMPLES = 8
-_LEVEL_OF_RANGE, _LEVEL_OF_BOTH = 0.01, 0.05  # largest relative difference of the mean errors of two quarters
 _STEADY_SWING = 0.05  # largest relative difference in amplitude of two quarters that is neither growth nor decay
-_FAINT_SWING = 1e-4  # smallest amplitude of an oscillation, relative to the range of the error
-_MIN_REVERSALS = 3  # sign changes in a quarter that distinguish an oscillation from a drift
 # A mode of the law passes on at most the motion of q* at each frequency, and a loop at 0.8 of its largest gain about
 # four times that. So q* does not explain an oscillation larger than this factor times its own about a straight line.
 _MAX_OF_Q_STAR = 5.0
@@ -58,8 +55,6 @@ _MAX_OF_NOISE = 3.0
 # oscillation larger than this factor times that. One sine at the resonance of a mode over links that delay moves it by
 # 2.7 d / omega RMS at 0.7 of the largest stable gain, and by 4.1 d / omega at 0.8.
 _MAX_OF_DISTURBANCE = 3.0
-_SLOWING = 0.9  # least ratio of the growth in one quarter to that in the last; a rise that slows more is a transient
-_SETTLED_BAND, _SETTLED_RESIDUE = 1.25, 0.02  # of the largest error of the second half, and of all: see settling_time
 
 
 def ending_of_motion(
@@ -117,13 +112,15 @@ def judge(error: Array, offsets: Array | None = None) -> Ending | None:
     """
     if not _is_judgeable(error):
         return None
-    swing = None if offsets is None else undecayed_swing(offsets, max(_FAINT_SWING * float(np.ptp(error)), ROUNDING))
+    # A fainter oscillation than a ten-thousandth of the range of the error does not count.
+    swing = None if offsets is None else undecayed_swing(offsets, max(1e-4 * float(np.ptp(error)), ROUNDING))
     if swing is not None:
         return "not settled" if swing <= 1.0 + _STEADY_SWING else "diverging"
     if is_level(error):
         return "settled"
     first, before, last = (_mean(quarter)[0] for quarter in _quarters(error))
-    return "diverging" if before > first and last - before > _SLOWING * (before - first) else "not settled"
+    # A rise that slows more is a transient.
+    return "diverging" if before > first and last - before > 0.9 * (before - first) else "not settled"
 
 
 def undecayed_swing(offsets: Array, least: float) -> float | None:
@@ -133,7 +130,7 @@ def undecayed_swing(offsets: Array, least: float) -> float | None:
     """
     third, fourth = _quarters(offsets)[-2:]
     ratio = _swing(fourth) / max(_swing(third), 1e-300)
-    oscillates = _swing(fourth) > least and _reversals(fourth) >= _MIN_REVERSALS
+    oscillates = _swing(fourth) > least and _reversals(fourth) >= 3  # fewer may be a drift
     return ratio if oscillates and ratio >= 1.0 - _STEADY_SWING else None
 
 
@@ -156,7 +153,7 @@ def is_level(error: Array) -> bool:
     (first, _), (before, _), (level, _) = means = [_mean(quarter) for quarter in quarters]
     trend = (level - before) * (before - first) > 0.0 and all(whole for _, whole in means)
     through, reversals = float(np.ptp(error)), _reversals(quarters[-1])
-    allowed = max(_LEVEL_OF_RANGE * through, _LEVEL_OF_BOTH * min(through, level), ROUNDING)
+    allowed = max(0.01 * through, 0.05 * min(through, level), ROUNDING)
     if reversals >= 2 and not trend:
         # A sine of n half periods and a part of one has a mean of at most its amplitude over n pi.
         allowed = max(allowed, 2.0 * float(np.ptp(quarters[-1])) / reversals / np.pi)
@@ -176,7 +173,7 @@ def settling_time(time: Array, error: Array) -> float | None:
     """
     if not _is_judgeable(error) or not is_level(error):
         return None
-    limit = _SETTLED_BAND * error[len(error) // 2 :].max() + _SETTLED_RESIDUE * float(error.max())
+    limit = 1.25 * error[len(error) // 2 :].max() + 0.02 * float(error.max())
     outside = np.flatnonzero(error > limit)
     return float(time[int(outside[-1]) + 1 if outside.size else 0] - time[0])
 
@@ -228,9 +225,7 @@ MIN_SPEED = 0.05
 """Commanded speed below which an agent counts as commanded to stay, m/s."""
 
 _BLOCK = 1.0  # s, over which velocities are averaged
-_MAX_BLOCKS = 2000
 _MAX_MADE = 0.1  # largest speed of a stuck agent, as a fraction of the commanded one
-_MAX_GAIN = 0.02  # largest increase in speed from block to block of a stuck agent, as a fraction of the commanded speed
 # Fraction of thrusters at a limit; and relative difference of a command from that which holds a hull against the wind.
 _MOSTLY = 0.5
 
@@ -310,14 +305,14 @@ def find_stuck_at_end(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Stuc
 
 
 def _average(dataset: xr.Dataset) -> _Blocks:
-    """Average a run over blocks of time; a long run is thinned."""
+    """Average a run over at most 2000 blocks of time; a long run is thinned."""
     names = ["velocity_command", "agent_velocity", "agent_flow", "agent_saturation", "tracking_error"]
     data = thinned(dataset[["agent_position", *names]])
     time = data["time"].values
     command, velocity, flow, saturation, error = (np.nan_to_num(data[name].values) for name in names)
     through = velocity - flow
     through[..., 2][np.isnan(data["velocity_command"].values[..., 2])] = 0.0  # of vehicles in the plane
-    count = min(len(time) - 1, max(1, int((time[-1] - time[0]) / _BLOCK)), _MAX_BLOCKS)
+    count = min(len(time) - 1, max(1, int((time[-1] - time[0]) / _BLOCK)), 2000)
     edges = np.linspace(time[0], time[-1], count + 1)
     first = np.searchsorted(time, edges[:-1])
     size = np.maximum(np.diff(np.append(first, len(time))), 1)
@@ -331,7 +326,8 @@ def _average(dataset: xr.Dataset) -> _Blocks:
     gained = np.zeros_like(wanted)
     gained[1:] = np.linalg.norm(np.diff(mean(through), axis=0), axis=2)
     steady = mean((command**2).sum(axis=2)) < 2.0 * wanted**2  # the command varies by less than its mean
-    still = (wanted > MIN_SPEED) & steady & (speed < _MAX_MADE * wanted) & (gained < _MAX_GAIN * wanted)
+    # From block to block the speed of a stuck agent grows by less than a fiftieth of the commanded one.
+    still = (wanted > MIN_SPEED) & steady & (speed < _MAX_MADE * wanted) & (gained < 0.02 * wanted)
     return _Blocks(
         time=edges,
         asked=asked,

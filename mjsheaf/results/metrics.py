@@ -19,11 +19,6 @@ from mjsheaf.team import Formation, Team
 from mjsheaf.team.links import KINDS
 from mjsheaf.team.team import Path
 
-_CLOSE = 6  # neighbours among which the nearest one is looked for
-_FEW = 100  # maximum number of vehicles for which all pairs are compared
-_HELD_BACK = 0.5  # fraction of an agent's speed; if the filter changes more, it keeps the agent from its place
-_CIRCLING = 0.2  # fraction of its error by which an agent that circles moves during the last tenth
-_ARRIVING = 0.1  # factor by which the error of an agent that arrives falls over the last tenth of a run, at least
 ROUNDING_ERROR = 1e-9
 """Errors below this are rounding, which differs between machines, m."""
 _ROUNDING = 1e-12  # fraction of the largest displacement below which a mean displacement counts as zero
@@ -112,11 +107,14 @@ def _mean_place(team: Team, members: Sequence[str], axes: int) -> Array:
 
 
 def separations(positions: Array) -> Array:
-    """Compute each vehicle's distance to its nearest neighbour from positions (T, V, 3), shape (T, V), m; else NaN."""
+    """Compute each vehicle's distance to its nearest neighbour from positions (T, V, 3), shape (T, V), m; else NaN.
+
+    Up to 100 vehicles are compared pair by pair.
+    """
     T, V, _ = positions.shape
     found = np.full((T, V), np.nan)
     known = np.flatnonzero(np.isfinite(positions).all(axis=(1, 2))) if V > 1 else np.empty(0, dtype=np.int64)
-    if V > _FEW:
+    if V > 100:
         _find_nearest(positions, known, found)
         return found
     x, y, z = np.ascontiguousarray(positions.T)  # (V, T) each
@@ -132,9 +130,9 @@ def separations(positions: Array) -> Array:
 def _find_nearest(positions: Array, known: IntArray, found: Array) -> None:
     """Write the distances of many vehicles to their nearest neighbours at the samples `known` into found (T, V).
 
-    Neighbours that were near at an earlier sample contain the nearest one as long as it is nearer than others can be.
-    Those were `far` away, and two vehicles approach each other by at most twice the largest displacement, less the mean
-    one.
+    Six neighbours that were near at an earlier sample contain the nearest one as long as it is nearer than others can
+    be. Those were `far` away, and two vehicles approach each other by at most twice the largest displacement, less the
+    mean one.
     """
     before, far, near = np.zeros(positions.shape[1:]), np.zeros(1), np.zeros((1, positions.shape[1]), dtype=np.int64)
     for k in known:
@@ -143,7 +141,7 @@ def _find_nearest(positions: Array, known: IntArray, found: Array) -> None:
         reach = 2.0 * np.linalg.norm(moved - moved.mean(axis=0), axis=1).max()
         found[k] = np.linalg.norm(x[near] - x, axis=2).min(axis=0)
         if not ((found[k] + reach) * (1.0 + _ROUNDING) < far).all():
-            away, who = cKDTree(x, balanced_tree=False, compact_nodes=False).query(x, _CLOSE + 2)
+            away, who = cKDTree(x, balanced_tree=False, compact_nodes=False).query(x, 8)  # itself, six, and one beyond
             others = np.where(who == np.arange(len(x))[:, None], who[:, :1], who)  # of one place, another may be first
             before, found[k], far, near = x, away[:, 1], away[:, -1], others[:, 1:-1].T
 
@@ -184,7 +182,7 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     An agent is deadlocked if the filter still keeps it from its place: over the last tenth of the run, the filter acts
     at most samples, its mean correction exceeds half of the mean speed that remains, and the tracking error does not
     fall to a tenth. So agents that stop are deadlocked, and also agents that circle without arriving, which
-    `circling` names: they still move, in the world and relative to the centre of the team.
+    `circling` names: they still move by a fifth of their error, in the world and relative to the centre of the team.
     """
     if "separation" not in dataset:
         return None
@@ -193,16 +191,16 @@ def safety_of(dataset: xr.Dataset) -> dict[str, Any] | None:
     end = slice(-max(2, len(correction) // 10), None)
     speed = np.sqrt(np.nansum(command[end] ** 2, axis=2))
     stuck = (correction[end] > 0.0).mean(axis=0) > 0.5
-    stuck &= correction[end].mean(axis=0) > _HELD_BACK * speed.mean(axis=0)
+    stuck &= correction[end].mean(axis=0) > 0.5 * speed.mean(axis=0)
     error = dataset["tracking_error"].values[end]
-    stuck &= ~(error[-1] < _ARRIVING * error[0])
+    stuck &= ~(error[-1] < 0.1 * error[0])
     places = dataset["agent_position"].values[end]
     there = np.isfinite(places)
     middle = np.where(there, places, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)  # of the present agents
     circling = stuck.copy()
     for path in (places, places - middle[:, None]):
         moved = np.sqrt(np.nansum((path - path[0]) ** 2, axis=2)).max(axis=0)
-        circling &= moved > _CIRCLING * error.mean(axis=0)
+        circling &= moved > 0.2 * error.mean(axis=0)
     infeasible = (dataset["safety_violation"].values > 0.0).mean(axis=0)
     return {
         "smallest_separation": finite(dataset["separation"].values.min()),

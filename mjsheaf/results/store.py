@@ -98,15 +98,7 @@ def send(chunks: Iterable[xr.Dataset], *sinks: Sink) -> None:
 
 
 _COUNTED = ("delivery",)  # variables without time that later pieces update
-_MOST_SAMPLES = 4000  # maximum number of samples of a thinned run; more are invisible in a plot
-_MOST_POSITIONS = 400_000  # maximum number of agents' positions in a thinned run, which bounds its memory
-_FEWEST_SAMPLES = 200
 _POSITIONS_READ = 2**18  # approximate number of positions read at a time, which is six megabytes per variable
-_COMPRESSION = 3  # level of zlib
-_STRUCTURE = 2**20  # bytes reserved for the structure of the file
-_CHUNK_STRUCTURE = 2**16  # bytes reserved for that of each chunk
-MAX_BYTES_HELD = 2**29
-"""Maximum size of a run that stays in memory while it is published, bytes."""
 
 
 def write_dataset(pieces: Iterable[xr.Dataset], path: Path, *others: Sink) -> None:
@@ -125,8 +117,8 @@ def write_dataset(pieces: Iterable[xr.Dataset], path: Path, *others: Sink) -> No
 
 
 def write_and_open(pieces: Iterable[xr.Dataset], path: Path, *others: Sink) -> xr.Dataset:
-    """Write a run as in `write_dataset`, and return it from memory if it is small, otherwise from the file."""
-    memory = Memory(MAX_BYTES_HELD)
+    """Write a run as in `write_dataset`, and return it from memory if it has up to 512 MB, otherwise from the file."""
+    memory = Memory(2**29)
     write_dataset(pieces, path, memory, *others)
     return open_dataset(path) if memory.overflowed else memory.dataset
 
@@ -148,7 +140,7 @@ class NetCDF(Sink):
         """Write into an open, empty file."""
         self._file = file
         self._reserved = 0
-        self._reserve(_STRUCTURE)
+        self._reserve(2**20)  # for the structure of the file
         file.truncate(0)  # HDF5 begins in an empty file
         self._beside = ThreadPoolExecutor(1)
         self._netcdf = self._beside.submit(h5netcdf.File, file, "w")
@@ -174,7 +166,8 @@ class NetCDF(Sink):
     def write(self, chunk: xr.Dataset) -> None:
         """Append a chunk to the file."""
         netcdf = self._netcdf.result()
-        self._reserve(chunk.nbytes + chunk.nbytes // 64 + _CHUNK_STRUCTURE)  # what does not compress grows a little
+        # What does not compress grows a little; the last part is for the structure of the chunk.
+        self._reserve(chunk.nbytes + chunk.nbytes // 64 + 2**16)
         self._beside.submit(_append, netcdf, chunk).result()
 
     def close(self) -> None:
@@ -190,7 +183,7 @@ def _append(netcdf: h5netcdf.File, piece: xr.Dataset) -> None:
         for name, variable in piece.variables.items():  # _COUNTED ones are contiguous, so that they can be overwritten
             if name not in _COUNTED and variable.dtype.kind in "fi" and variable.ndim > 0:
                 chunks = {"chunksizes": variable.shape} if "time" in variable.dims and variable.size else {}
-                encoding[str(name)] = {"zlib": True, "complevel": _COMPRESSION, "shuffle": True, **chunks}
+                encoding[str(name)] = {"zlib": True, "complevel": 3, "shuffle": True, **chunks}
         empty = piece.isel(time=slice(0, 0))
         empty.dump_to_store(xr.backends.H5NetCDFStore(netcdf), encoding=encoding, unlimited_dims=["time"])
     if piece.sizes["time"]:
@@ -243,9 +236,12 @@ def thin(samples: int, most: int) -> IntArray:
 
 
 def thinned(dataset: xr.Dataset) -> xr.Dataset:
-    """Load at most a few thousand samples of a run, including the first and the last; fewer for a large team."""
+    """Load at most 4000 samples of a run, including the first and the last; more are invisible in a plot.
+
+    A large team has fewer, so that memory has at most 400,000 positions of agents, but at least 200.
+    """
     samples = dataset.sizes["time"]
-    most = max(_FEWEST_SAMPLES, min(_MOST_SAMPLES, _MOST_POSITIONS // dataset.sizes["agent"]))
+    most = max(200, min(4000, 400_000 // dataset.sizes["agent"]))
     kept = thin(samples, most)
     return dataset.load() if len(kept) == samples else at_rows(dataset, kept)
 

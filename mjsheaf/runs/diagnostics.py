@@ -56,9 +56,6 @@ Kind = Literal[
 ]
 """Kinds of notes, the most important first."""
 
-MAX_LIMITED_FRACTION = 0.1
-"""Fraction of the time for which thrusters or commands may be at a limit."""
-
 _FLAT = 1e-3  # extent, as a fraction of the longest one, below which a shape is a line or a plane
 _ALIKE = 0.05  # maximum misfit of equal shapes, as a fraction of their size
 _AT_LIMIT = 1.0 - 1e-9  # of the velocity limit
@@ -160,6 +157,7 @@ def _about_stuck(system: System, stuck: Sequence[Stuck]) -> list[Note]:
 def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[int]) -> list[Note]:
     """Report agents whose thrusters or commands are at their limits, or whose medium is too fast for them.
 
+    Thrusters and commands may be at a limit for a tenth of the time.
     Agents that are stuck have a note of their own.
     """
     system = phases[0].system
@@ -203,7 +201,7 @@ def _about_limits(phases: Sequence[Phase], dataset: xr.Dataset, stuck: Sequence[
         fraction = samples / np.maximum(present, 1)
         fraction[stuck] = 0.0
         v = int(fraction.argmax())
-        count = int((fraction > MAX_LIMITED_FRACTION).sum())
+        count = int((fraction > 0.1).sum())
         if count:
             sentence = text.format(and_others(ids[v], count - 1), fraction[v]).replace("%", " %")
             notes.append(Note(kind, sentence, ids[v], None, float(fraction[v])))

@@ -42,7 +42,6 @@ MAX_RUNS = 8
 _COLOURS = ("#000000", "#7b2cbf", "#d81b60", "#6d4c41", "#827717", "#1a237e", "#00796b", "#607d8b")
 """Colours of the runs on plots and page, the first run's first; none is that of a group."""
 
-_MAX_SAMPLES = 20_000  # of a run, for distances
 _SLACK = 1e-9  # s, of times of samples
 _TEAM_ERRORS = ["tracking_error", "formation_error"]
 _LABELS = {
@@ -231,7 +230,7 @@ def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> xr.Dat
     """Return the distances of a run's agents from those of the first run, over time and agent, m.
 
     They are NaN while an agent is absent in one of the runs. Positions of the run are interpolated to the first's
-    samples.
+    samples, of which there are about 20,000 at most.
     """
     common = [name for name in first.agents if name in run.agents]
     here, there = (
@@ -239,7 +238,7 @@ def _distances(run: OpenRun, first: OpenRun, start: float, end: float) -> xr.Dat
         for one in (first, run)
     )
     here = here.sel(time=slice(start - _SLACK, end + _SLACK))
-    here = here.isel(time=slice(None, None, max(1, here.sizes["time"] // _MAX_SAMPLES)))
+    here = here.isel(time=slice(None, None, max(1, here.sizes["time"] // 20_000)))
     if not np.array_equal(here["time"], there["time"]):
         times = np.clip(here["time"].values, run.time[0], run.time[-1])
         there = there.interp(time=times).assign_coords(time=here["time"])
