@@ -8,16 +8,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 
-MAX_LINE_LENGTH = 4000
-"""Characters in a line of a message."""
-
 _LINE_BREAKS = re.compile(r"[^\S ]+")
 
 
 class MjsheafError(Exception):
     """Base of every error that mjsheaf raises on purpose.
 
-    Lines may quote what users wrote: characters that a terminal would obey are escaped, and endless ones are cut.
+    Lines may quote what users wrote: characters that a terminal would obey are escaped, and lines are cut after 4000.
 
     Attributes:
         args: the lines of the message, mostly one; a scenario with several mistakes has a line for each.
@@ -27,7 +24,7 @@ class MjsheafError(Exception):
     exit_code = 1
 
     def __init__(self, *lines: object) -> None:
-        super().__init__(*(shortened(printable(_LINE_BREAKS.sub(" ", str(line))), MAX_LINE_LENGTH) for line in lines))
+        super().__init__(*(shortened(printable(_LINE_BREAKS.sub(" ", str(line))), 4000) for line in lines))
 
     def __str__(self) -> str:
         return "\n".join(self.args)

@@ -319,7 +319,6 @@ def list_studies() -> dict[str, Path]:
 
 
 SUFFIXES = (".yaml", ".yml")
-_LARGEST_FILE = 20_000_000  # bytes
 _DEEPEST = 50  # maximum depth of nested collections; a scenario has six
 _SURROGATE = re.compile("[\\ud800-\\udfff]")  # "\ud800" in YAML; files in UTF-8 cannot contain it
 _LONGEST_INTEGER = 3_000  # maximum number of digits; Python prints at most 4300 decimal digits
@@ -398,14 +397,14 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_integer)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read a YAML file that holds a mapping.
+    """Read a YAML file of up to 20 MB that holds a mapping.
 
     Raises:
         ScenarioError: The file is missing, too large, not text, not YAML, empty or not a mapping, or it contains tags,
             anchors or duplicate keys.
     """
     try:
-        text = read_bytes(path, _LARGEST_FILE).decode("utf-8")
+        text = read_bytes(path, 20_000_000).decode("utf-8")
     except UnicodeDecodeError:
         raise ScenarioError(f"{path}: not a text file in UTF-8") from None
     except InputError as error:
@@ -484,9 +483,6 @@ def _end(node: yaml.Node) -> int:
     return int(node.end_mark.index)
 
 
-_MAX_MESSAGE = 300  # maximum number of characters of an exception in a message
-
-
 @contextmanager
 def in_this_directory() -> Iterator[None]:
     """Restore the working directory at the end, because paths of results and files are relative to it."""
@@ -515,7 +511,7 @@ def describe(error: BaseException) -> str:
         text = str(error)
     except (Exception, SystemExit):
         text = "an exception that cannot be printed, because its __str__ raises another"
-    return f"{visible(type(error).__name__)}: {visible(text, _MAX_MESSAGE)}{place}"
+    return f"{visible(type(error).__name__)}: {visible(text, 300)}{place}"
 
 
 def execute_file(path: Path, prefix: str) -> ModuleType:

@@ -26,7 +26,6 @@ DELAY = 0.5
 BETWEEN_LINES = 2.0
 """Time between lines of progress, s."""
 _INTERVAL = 0.2  # s between updates of a bar
-_ROOM = 4  # lines of a terminal that a bar leaves free
 _displaying = Lock()  # held while progress is shown: one at most
 
 
@@ -62,7 +61,7 @@ def on_terminal(above: Sequence[str] = ()) -> Iterator[Update]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     bars = Progress(*columns, console=console)
     task = bars.add_task("", total=None)
-    lines = map(Text, above[: max(0, console.height - _ROOM)])
+    lines = map(Text, above[: max(0, console.height - 4)])  # with room for the bar, and for what is typed
     with Live(Group(*lines, bars), console=console, transient=True, auto_refresh=False) as live:
 
         def update(what: str, done: int, total: int, seconds: float) -> None:

@@ -19,9 +19,6 @@ import pytest
 if TYPE_CHECKING:
     from mjsheaf.scenario import Scenario
 
-_SUFFIXES = (".yaml", ".yml")
-_RECORDS = ("summary.json", "compare.json", "runs.json", "study.json")
-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add --mjsheaf, --mjsheaf-controller, also named --controller, and the setting mjsheaf_tight."""
@@ -55,10 +52,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ScenarioFile | None":
     """Collect a scenario, recognised by its text: other YAML files are ignored."""
-    if not parent.config.getoption("--mjsheaf") or file_path.suffix not in _SUFFIXES:
+    if not parent.config.getoption("--mjsheaf") or file_path.suffix not in (".yaml", ".yml"):
         return None
     named = parent.session.isinitpath(file_path)
-    if not named and any((file_path.parent / record).exists() for record in _RECORDS):
+    records = ("summary.json", "compare.json", "runs.json", "study.json")
+    if not named and any((file_path.parent / record).exists() for record in records):
         return None  # what a run left: a record, not a test
     expects = _expects(file_path)
     if expects is None and not named:

@@ -37,8 +37,6 @@ PARTS = ("measurements", "received", "attitude", "velocity", "angular_velocity",
 LARGEST = 1e9
 """Bound of every number of an observation: a larger position is a blow-up."""
 RENDER_MODES = ["rgb_array"]
-_PICTURE = (480, 640)  # px
-_ROOM = 1.6  # distance of the camera over the team's size
 
 
 class FlatEpisode(Episode):
@@ -101,10 +99,10 @@ class FlatEpisode(Episode):
         from mjsheaf.envs.control_suite import BodyPhysics, MovableCamera
 
         if not hasattr(self, "_camera"):
-            self._camera = MovableCamera(BodyPhysics(self), *_PICTURE)
+            self._camera = MovableCamera(BodyPhysics(self), 480, 640)
         places = self.world.positions()
         low, high = places.min(axis=0), places.max(axis=0)
-        self._camera.set_pose(0.5 * (low + high), _ROOM * float(np.linalg.norm(high - low)) + 3.0, 120.0, -35.0)
+        self._camera.set_pose(0.5 * (low + high), 1.6 * float(np.linalg.norm(high - low)) + 3.0, 120.0, -35.0)
         return self._camera.render().copy()
 
 

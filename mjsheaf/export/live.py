@@ -22,8 +22,6 @@ from mjsheaf.live import PORT
 from mjsheaf.loop.system import Phase
 from mjsheaf.scenario import Scenario
 
-_FRAME = 0.03  # least simulated time between messages, s
-
 
 class Log(mcap.Log):
     """Sink that serves a run.
@@ -78,10 +76,10 @@ class Log(mcap.Log):
             raise InputError(f"--live: port {PORT} on 127.0.0.1: {error}; expected that nothing else uses it") from None
 
     def write_moment(self, moment: Moment) -> None:
-        """Send a sample when its time has come."""
+        """Send a sample when its time has come, in each phase at most one in 0.03 s of simulated time."""
         if math.isnan(self._begun):
             self._begun = time.monotonic() - moment.time / 1e9 / self.pace
-        elif moment.phase == self._phase and moment.time - self._sent < 1e9 * _FRAME:
+        elif moment.phase == self._phase and moment.time - self._sent < 3e7:
             return
         time.sleep(max(0.0, self._begun + moment.time / 1e9 / self.pace - time.monotonic()))
         if time.monotonic() - self._shown >= 1.0:  # again for those who have come since

@@ -45,8 +45,6 @@ FRAME = 0.05
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 """Simulated seconds per second that the page offers, in addition to as fast as possible."""
 
-_MAX_SAMPLES = 4096  # in a chunk
-
 
 # -- actions -----------------------------------------------------------------------------------------------------------
 
@@ -407,7 +405,7 @@ class LiveRun:
         # Frames may take a hundredth of the time.
         affordable = max(1, int(max(FRAME, self._display.cost / 0.01) / work))
         wanted = affordable if math.isinf(self._speed) else round(FRAME * self._speed / period)
-        self._samples = max(1, min(wanted, 2 * self._samples, affordable, _MAX_SAMPLES))
+        self._samples = max(1, min(wanted, 2 * self._samples, affordable, 4096))
 
     def _act(self) -> None:
         """Perform the actions that have arrived."""

@@ -24,7 +24,6 @@ try:
 except ImportError:
     raise InputError("mjsheaf view needs websockets, which is not installed: pip install 'mjsheaf[live]'") from None
 
-_MAX_MESSAGE = 4096  # bytes of an action
 _MOST_WAIT = 60.0  # s that a browser waits for a page
 _HEADERS = {
     "Content-Type": "text/html; charset=utf-8",
@@ -75,7 +74,7 @@ class Server:
                 "127.0.0.1",
                 port,
                 process_request=self._answer,
-                max_size=_MAX_MESSAGE,
+                max_size=4096,  # bytes of an action
                 compression=None,
                 server_header=None,
                 open_timeout=_MOST_WAIT,

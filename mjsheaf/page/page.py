@@ -58,9 +58,7 @@ Bounds = Sequence[tuple[RunBound, HeldBound]]
 _BODIES = {None: "ideal kinematics", "mujoco": "MuJoCo bodies", "fused": "bodies moved by the fused engine"}
 
 _FEWEST, _MOST = 400, 3000  # minimum and maximum number of samples
-_MOST_POSITIONS = 500_000  # maximum of vehicles times samples, unless _FEWEST requires more
 _ORIGINS = 1000.0  # spacing of possible origins, m
-_FARTHEST = 1e12  # maximum distance from zero, m; 64-bit floats resolve a tenth of a millimetre there
 _SHOWN = (
     *("disagreement", "tracking_error", "velocity_command", "agent_flow", "harmonic_extension"),
     *("formation_error", "centering_error", "group_formation_error", "group_centering_error"),
@@ -157,7 +155,7 @@ def pack(
     origin = origin_of(dataset)
     T = dataset.sizes["time"]
     run = RecordedRun(dataset, content.surface_height)
-    most = int(np.clip(_MOST_POSITIONS // content.vehicles, _FEWEST, _MOST))
+    most = int(np.clip(500_000 // content.vehicles, _FEWEST, _MOST))
     events = [row for phase in phases[1:] for row in (phase.start - 1, phase.start) if 0 <= row < T]
     rows = np.unique(np.array([*thin(T, most), *events]))
     own = at_rows(dataset[[name for name in _SHOWN if name in dataset]], rows)
@@ -240,7 +238,7 @@ def add_samples(
 def origin_of(dataset: xr.Dataset) -> Array:
     """A place near where a run begins, shape (3,), m: see the module."""
     first = np.nan_to_num(joined(dataset.isel(time=[0]), "position")[0])
-    first = first[np.abs(first).max(axis=1) < _FARTHEST]
+    first = first[np.abs(first).max(axis=1) < 1e12]  # where 64-bit floats resolve a tenth of a millimetre
     return _ORIGINS * np.round(np.median(first, axis=0) / _ORIGINS) if len(first) else np.zeros(3)
 
 

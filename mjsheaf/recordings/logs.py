@@ -95,7 +95,6 @@ _MOVING = re.compile(
     r"(^|[/_])(base(_footprint|_stabilized)?|\w*link|body|\w*optical(_frame)?|earth|ecef|frd|flu|nwu)$", re.IGNORECASE
 )
 _FIXED = re.compile(r"(^|[/_])(odom|map|world|earth|local_origin)$")
-_PX4_NED = 1
 
 Part = tuple[int, Any]  # its time in the log, ns, and a message or a transform in it
 
@@ -253,7 +252,7 @@ def _axes(parts: list[Part], kind: Kind, topic: str, selection: Selection) -> Ax
             "frame that is fixed, or axes: enu or ned if it is"
         )
     if kind.axes == "pose_frame":
-        if any(getattr(part, "pose_frame", None) != _PX4_NED for _, part in parts):
+        if any(getattr(part, "pose_frame", None) != 1 for _, part in parts):  # 1 is PX4's POSE_FRAME_NED
             raise InputError(
                 f"axes: missing; pose_frame of {topic} is not NED in all messages; expected enu or ned, if it points so"
             )

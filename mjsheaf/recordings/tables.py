@@ -110,8 +110,6 @@ _LATEST_RUN = 1e8
 """Time in s from which on the times of a table are those of a clock, not of a run: three years."""
 _CLOCK = (1e9, 2.2e9)
 """Times of the UNIX clock that are recognised by their size, s: the years 2001 to 2039."""
-_LONGEST = 3e7
-"""Maximum duration of a table whose clock is recognised by its size, s."""
 
 
 def read_table(path: Path, selection: Selection) -> Rows:
@@ -275,7 +273,7 @@ def _seconds(cells: list[str], unit: str) -> Array:
     scale = _scale("t", unit)
     if not unit and first >= _LATEST_RUN:
         scale = next((k for k in (1.0, 1e-3, 1e-6, 1e-9) if _CLOCK[0] <= first * k < _CLOCK[1]), 0.0)
-        if not scale or (numbers[-1] - first) * scale > _LONGEST:
+        if not scale or (numbers[-1] - first) * scale > 3e7:  # no recording lasts a year
             raise InputError(f"times begin at {cells[0]}; expected their unit in the title, as in 'timestamp [us]'")
     base = first if first * scale >= _LATEST_RUN else 0
     counted = np.array([number - base for number in numbers], np.float64)

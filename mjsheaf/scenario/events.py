@@ -30,7 +30,6 @@ _CHANGING = re.compile(
     r"|links\.(all|communication|sensing)\.(noise|bias|loss|range|hold)(\..+)?"
     r"|safety\.(distance|range|rate|authority|tie_break)"
 )
-_ROUNDING = 1e-6  # largest distance between a time and its sample, periods
 _Pair = Annotated[list[Id], Field(min_length=2, max_length=2)]
 
 
@@ -491,7 +490,7 @@ def _sample_of(time: float, grid: TimeGrid, *, beyond: bool = False) -> int:
     if not 0 <= nearest <= grid.steps and not beyond:
         end = grid.start + grid.steps * grid.period
         raise InputError(f"{time:g} s lies outside the run; expected {grid.start:g} to {end:g} s")
-    if abs(place - nearest) > _ROUNDING * max(1.0, abs(place) * 1e-3):
+    if abs(place - nearest) > 1e-6 * max(1.0, abs(place) * 1e-3):  # in periods; less is rounding
         raise InputError(
             f"{time:.9g} s lies between samples, which are {grid.period:g} s apart; expected {at} s, the nearest"
         )

@@ -45,16 +45,13 @@ from mjsheaf.vehicles.vehicle import Vehicle
 Edges = set[tuple[int, int]]
 
 _POINT: TypeAdapter[list[float]] = TypeAdapter(Point, config=ConfigDict(strict=True, allow_inf_nan=False))
-_MOST_AGENTS = 100_000
-_MOST_DRAWS = 100  # of a graph that must be connected: with three links or more, nearly every one is
 _SCATTER = 0x5A  # stream of random numbers
-_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 class Swarm(Section):
     """Agents S1, S2, ... in a disc about a target, with a graph drawn from the scenario's seed."""
 
-    size: Annotated[int, Field(ge=1, le=_MOST_AGENTS)] = Field(description="number of agents, S1, S2, ... [-]")
+    size: Annotated[int, Field(ge=1, le=100_000)] = Field(description="number of agents, S1, S2, ... [-]")
     about: Id = Field(description="id of the target that the swarm's centre should follow, and that some of it sense")
     vehicle: str | None = Field(None, description="name in models/ or a description file; vehicles.agents unless given")
     altitude: Number | None = Field(
@@ -153,7 +150,7 @@ def _written_out(swarm: Swarm, centre: list[float], seed: int) -> dict[str, Any]
 def _sunflower(size: int, spacing: float) -> Array:
     """Return places in the plane about the origin, shape (size, 2), m; neighbours are about `spacing` apart."""
     number = np.arange(size)
-    angle = _GOLDEN_ANGLE * number
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * number  # the golden angle
     radius = spacing * np.sqrt((number + 0.5) / np.pi)
     return np.asarray(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
@@ -206,7 +203,7 @@ def _k_regular(places: Array, swarm: Swarm, rng: np.random.Generator) -> Edges:
         return _cycle(rng.permutation(size))
     import networkx
 
-    for _ in range(_MOST_DRAWS):
+    for _ in range(100):  # with three links or more, nearly every graph is connected
         graph = networkx.random_regular_graph(degree, size, seed=int(rng.integers(2**31)))
         if networkx.is_connected(graph):
             return _ordered(graph.edges)
