@@ -14,10 +14,9 @@ from typing import Annotated, Any
 import typer
 
 from mjsheaf._version import __version__
-from mjsheaf.cli.check import check
 from mjsheaf.cli.options import Stopped, open_streams, raise_if_stopped, stoppable, was_stopped
 from mjsheaf.cli.run import compare, compare_runs, expect, plot, report, run, sweep, video
-from mjsheaf.cli.tools import export, list_, new, schema, view
+from mjsheaf.cli.tools import check, export, list_, new, schema, view
 from mjsheaf.errors import InputError, MjsheafError, printable
 
 app = typer.Typer(

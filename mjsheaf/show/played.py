@@ -515,15 +515,14 @@ class Played:
         return positions
 
 
-def played(scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | None = None) -> Played:
+def played(scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase]) -> Played:
     """Read a run for drawing it.
 
     Args:
         scenario: Scenario that was run.
         dataset: Data of the run, in memory or an open file.
-        phases: Phases of the scenario, if they were built already.
+        phases: Phases of the run.
     """
-    phases = scenario.phases if phases is None else phases
     system = phases[0].system
     team, safety, scene = system.team, system.control.law.safety, scenario.scene
     group, names, colours = groups_of(team)

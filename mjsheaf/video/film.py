@@ -1,6 +1,5 @@
 """Content of a video of one run, or of two side by side: runs, the viewer's options, and the content of each frame."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +7,6 @@ import xarray as xr
 
 from mjsheaf.arrays import Array, BoolArray, IntArray
 from mjsheaf.loop.mujoco_engine import arena_of
-from mjsheaf.loop.system import Phase
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.results.metrics import law_in_words
 from mjsheaf.scenario import Scenario
@@ -86,26 +84,22 @@ def video_options(scenario: Scenario, **changes: float | int | str | None) -> Vi
     return VideoOptions(**given)
 
 
-def film_of(
-    scenario: Scenario, dataset: xr.Dataset, phases: Sequence[Phase] | None = None
-) -> tuple[Film, mujoco.MjModel]:
+def film_of(scenario: Scenario, dataset: xr.Dataset) -> tuple[Film, mujoco.MjModel]:
     """Build the content of a run's video, and the model to draw it with.
 
     Args:
         scenario: Scenario that was run.
         dataset: Data of the run, in memory or an open file. They are read frame by frame.
-        phases: Phases of the scenario, if they were built already.
     """
-    content = played(scenario, dataset, phases)
-    system = (phases or scenario.phases)[0].system
-    arena = arena_of(system, content.colours[content.group])
+    content = played(scenario, dataset, scenario.phases)
+    arena = arena_of(scenario.system, content.colours[content.group])
     grid = None
     if content.surface != "none" and not content.seas:
         # texrepeat counts the repetitions of a uniform texture in two metres. The ground's texture has four squares.
         grid = 2.0 / float(arena.model.mat(content.surface).texrepeat[0]) / (2 if content.surface == "ground" else 1)
     words = ["MuJoCo bodies" if dataset.attrs["backend"] == "physics" else "ideal kinematics", law_in_words(dataset)]
     if not dataset.attrs.get("controller"):
-        words += system.law.term_names
+        words += scenario.system.law.term_names
     if dataset.attrs["status"] != "finished":
         words.append("blew up")
     film = Film(**vars(content), subtitle=", ".join(words), qpos_address=arena.qpos, body_id=arena.body, grid=grid)
