@@ -4,7 +4,10 @@ import math
 import re
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,14 +15,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
 
+from mjsheaf._version import __version__
 from mjsheaf.arguments import require_mapping, require_type
+from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, ScenarioError, in_field, joined
-from mjsheaf.files import SUFFIXES, confined, digest_of, list_studies, parse_yaml, read_yaml
+from mjsheaf.files import SUFFIXES, confined, digest, digest_of, list_studies, parse_yaml, read_yaml
 from mjsheaf.loop.session import BACKENDS, ENGINES, require_engine
-from mjsheaf.scenario import Scenario
+from mjsheaf.scenario import Scenario, scenario_from_mapping
 from mjsheaf.scenario.load import LawFile, find_law, find_scenario, list_scenarios, map_vehicles, read_scenario
 from mjsheaf.section import Number, Positive, Section, split_path, validation_problems
-from mjsheaf.studies.workers import Job, Point, versions
 
 Measure = Literal["mean_disagreement", "tracking_error", "formation_error", "centering_error"]
 
@@ -260,6 +264,26 @@ def _check_items(fixed: Mapping[str, Any], swept: Iterable[str]) -> None:
             at = at.setdefault(number, {}).setdefault(key, {})
 
 
+@dataclass(frozen=True)
+class Point:
+    """One run of a study.
+
+    Attributes:
+        number: Number of the run, from 0.
+        parameters: Values by field path, in the order in which they are set.
+        seed: Seed of the scenario; None keeps the scenario's own.
+    """
+
+    number: int
+    parameters: dict[str, Any] = field(hash=False)
+    seed: int | None = None
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """Overrides that turn the study's scenario into this run's."""
+        return self.parameters if self.seed is None else {**self.parameters, "seed": self.seed}
+
+
 def points_of(study: StudyFile) -> Iterator[Point]:
     """Yield the points of a study.
 
@@ -290,6 +314,80 @@ def draw(draws: Draws) -> list[dict[str, Any]]:
 
 def _rows(paths: Iterable[str], rows: Iterable[tuple[Any, ...]]) -> list[dict[str, Any]]:
     return [dict(zip(paths, row, strict=True)) for row in rows]
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return the versions of mjsheaf and of the libraries that the bits of a run depend on."""
+    return {"mjsheaf": __version__, **{name: version(name) for name in ("mujoco", "numpy", "numba")}}
+
+
+class ForeignWorkerError(InputError):
+    """A worker has another version of mjsheaf or of a library, or other files, than those that the study began with."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Input of a worker for one run.
+
+    Attributes:
+        point: Point of the run.
+        plan: Plan of the study, without its points.
+        versions: Versions of mjsheaf and its libraries in the process that submits the job.
+    """
+
+    point: Point
+    plan: "Plan"
+    versions: dict[str, str] = field(default_factory=versions)
+
+    def require_unchanged(self) -> None:
+        """Refuse a job once a file is no longer the one that its study began with.
+
+        Raises:
+            ForeignWorkerError: The message names the file.
+        """
+        changed = [path for path, known in self.plan.files.items() if digest(Path(path)) != known]
+        if self.plan.law is not None and self.plan.law.changed:
+            changed.append(self.plan.law.label)
+        if changed:
+            raise ForeignWorkerError(f"{changed[0]}: the file has changed since the study began; choose another --out")
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Overrides that turn the scenario as read into the point's; paths of vehicles are absolute."""
+        return {
+            path: map_vehicles(value, lambda name: str(self.plan.directory / name), tuple(path.split(".")))
+            for path, value in (self.plan.study.set | self.point.overrides).items()
+        }
+
+    @property
+    def seed(self) -> int | None:
+        """Seed of the run, read without building the scenario; None if it is not a valid seed."""
+        given = (self.plan.study.set | self.point.overrides).get("seed", self.plan.scenario.get("seed", 0))
+        return given if type(given) is int and abs(given) < 2**63 else None
+
+    def load(self, source: str | None = None) -> Scenario:
+        """Return the scenario of the point; messages name the source, or else the scenario.
+
+        Raises:
+            ScenarioError: The point is not valid.
+        """
+        scenario = self.plan.scenario
+        changes = self.changes
+        seed = self.point.seed
+        # Messages are part of the results, so they use the scenario's name instead of the path that the user gave.
+        source = source or str(scenario.get("name"))
+        swarm = "swarm" in scenario or any(path.startswith("swarm") for path in changes)
+        if seed is not None and 0 <= seed < 2**63 and not swarm:
+            with suppress(InputError):  # the call below raises it again, with the point's own seed in the message
+                return _of_any_seed(scenario, {**changes, "seed": 0}, source, self.plan.files).with_seed(seed)
+        return scenario_from_mapping(scenario, changes, source)
+
+
+@remember_last(lambda *arguments: arguments)
+def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str, files: dict[str, str]) -> Scenario:
+    """Return the scenario of a study's point that all of its seeds share; files are by their content, see `Job`."""
+    return scenario_from_mapping(scenario, changes, source)
 
 
 _TRIED_POINTS = 20
@@ -497,8 +595,8 @@ def _vehicle_files(scenario: dict[str, Any], study: StudyFile, directory: Path) 
         return name
 
     map_vehicles(scenario, collect)
-    for field, value in study.values():
-        map_vehicles(value, collect, tuple(field.split(".")))
+    for path, value in study.values():
+        map_vehicles(value, collect, tuple(path.split(".")))
     digests: dict[str, str] = {}
     for description in named:
         from mjsheaf.vehicles.loading import files_of, read_description

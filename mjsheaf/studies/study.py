@@ -37,8 +37,8 @@ from mjsheaf.progress import Report, no_progress, shown
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.results.store import enclosing_run, read_mapping, record_in
 from mjsheaf.show.style import AS_USUAL, FigureOptions
-from mjsheaf.studies.plan import Plan
-from mjsheaf.studies.workers import STATUSES, ForeignWorkerError, JobResult, Point, SchedulerError, Workers
+from mjsheaf.studies.plan import ForeignWorkerError, Plan, Point
+from mjsheaf.studies.workers import STATUSES, JobResult, SchedulerError, Workers
 
 _LOCK, _STUDY, _SCENARIO, _TIMINGS = ".lock", "study.json", "scenario.yaml", "timings.csv"
 _RUNS, _TRAJECTORIES = "runs", "trajectories"

@@ -11,146 +11,48 @@ import signal
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
-from functools import cache, partial
-from importlib.metadata import version
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice, pairwise
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from pathlib import Path
 from queue import SimpleQueue
 from textwrap import shorten
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from mjsheaf._version import __version__
 from mjsheaf.arguments import require_whole
 from mjsheaf.arrays import Array
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.theorem.of_run import bound_ahead, bound_of_run, bounds_of_phases
 from mjsheaf.compile.remember import remember_last
 from mjsheaf.errors import InputError, NotUniqueError
-from mjsheaf.files import digest
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.results.metrics import communication, error_series_of, late_errors, summarize
 from mjsheaf.results.store import dataset_bytes, thin
 from mjsheaf.runs.simulate import simulate, stream
-from mjsheaf.scenario import Scenario, scenario_from_mapping
-from mjsheaf.scenario.load import map_vehicles
+from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, finite
+from mjsheaf.studies.plan import ForeignWorkerError, Job, Point, versions
 from mjsheaf.threads import ONE_THREAD, usable_processors
-
-if TYPE_CHECKING:
-    from mjsheaf.studies.plan import Plan
 
 STATUSES = ("finished", "unstable", "refused", "invalid", "failed", "lost")
 """Statuses of a run: completed; blown up; refused, because its harmonic extension is not unique; invalid, because its
 point is not a valid scenario; failed with an unexpected error; lost with its worker process."""
 
-_KINDS = ("tracking", "formation", "centering", "group_formation", "group_centering")
-_LIGHT = ("disagreement", *(f"{kind}_error" for kind in _KINDS))
+_LIGHT = (
+    *("disagreement", "tracking_error", "formation_error", "centering_error"),
+    *("group_formation_error", "group_centering_error"),
+)
+"""Variables of a record of errors alone."""
 TRAFFIC = "numbers_per_agent_second"
 """Field of a record: numbers that an agent sends per second."""
-
-
-@cache
-def versions() -> dict[str, str]:
-    """Return the versions of mjsheaf and of the libraries that the bits of a run depend on."""
-    return {"mjsheaf": __version__, **{name: version(name) for name in ("mujoco", "numpy", "numba")}}
-
-
-class ForeignWorkerError(InputError):
-    """A worker has another version of mjsheaf or of a library, or other files, than those that the study began with."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """One run of a study.
-
-    Attributes:
-        number: Number of the run, from 0.
-        parameters: Values by field path, in the order in which they are set.
-        seed: Seed of the scenario; None keeps the scenario's own.
-    """
-
-    number: int
-    parameters: dict[str, Any] = field(hash=False)
-    seed: int | None = None
-
-    @property
-    def overrides(self) -> dict[str, Any]:
-        """Overrides that turn the study's scenario into this run's."""
-        return self.parameters if self.seed is None else {**self.parameters, "seed": self.seed}
-
-
-@dataclass(frozen=True)
-class Job:
-    """Input of a worker for one run.
-
-    Attributes:
-        point: Point of the run.
-        plan: Plan of the study, without its points.
-        versions: Versions of mjsheaf and its libraries in the process that submits the job.
-    """
-
-    point: Point
-    plan: "Plan"
-    versions: dict[str, str] = field(default_factory=versions)
-
-    def require_unchanged(self) -> None:
-        """Refuse a job once a file is no longer the one that its study began with.
-
-        Raises:
-            ForeignWorkerError: The message names the file.
-        """
-        changed = [path for path, known in self.plan.files.items() if digest(Path(path)) != known]
-        if self.plan.law is not None and self.plan.law.changed:
-            changed.append(self.plan.law.label)
-        if changed:
-            raise ForeignWorkerError(f"{changed[0]}: the file has changed since the study began; choose another --out")
-
-    @property
-    def changes(self) -> dict[str, Any]:
-        """Overrides that turn the scenario as read into the point's; paths of vehicles are absolute."""
-        return {
-            path: map_vehicles(value, lambda name: str(self.plan.directory / name), tuple(path.split(".")))
-            for path, value in (self.plan.study.set | self.point.overrides).items()
-        }
-
-    @property
-    def seed(self) -> int | None:
-        """Seed of the run, read without building the scenario; None if it is not a valid seed."""
-        given = (self.plan.study.set | self.point.overrides).get("seed", self.plan.scenario.get("seed", 0))
-        return given if type(given) is int and abs(given) < 2**63 else None
-
-    def load(self, source: str | None = None) -> Scenario:
-        """Return the scenario of the point; messages name the source, or else the scenario.
-
-        Raises:
-            ScenarioError: The point is not valid.
-        """
-        scenario = self.plan.scenario
-        changes = self.changes
-        seed = self.point.seed
-        # Messages are part of the results, so they use the scenario's name instead of the path that the user gave.
-        source = source or str(scenario.get("name"))
-        swarm = "swarm" in scenario or any(path.startswith("swarm") for path in changes)
-        if seed is not None and 0 <= seed < 2**63 and not swarm:
-            with suppress(InputError):  # the call below raises it again, with the point's own seed in the message
-                return _of_any_seed(scenario, {**changes, "seed": 0}, source, self.plan.files).with_seed(seed)
-        return scenario_from_mapping(scenario, changes, source)
-
-
-@remember_last(lambda *arguments: arguments)
-def _of_any_seed(scenario: dict[str, Any], changes: dict[str, Any], source: str, files: dict[str, str]) -> Scenario:
-    """Return the scenario of a study's point that all of its seeds share; files are by their content, see `Job`."""
-    return scenario_from_mapping(scenario, changes, source)
 
 
 @dataclass(frozen=True)

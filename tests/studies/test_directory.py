@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from mjsheaf.errors import InputError, PlaceError
-from mjsheaf.studies.plan import Plan
+from mjsheaf.studies.plan import Plan, versions
 from mjsheaf.studies.study import BusyError, open_directory, run_study
-from mjsheaf.studies.workers import SchedulerError, versions
+from mjsheaf.studies.workers import SchedulerError
 from tests.builders import IN_THREADS, REPOSITORY, small_plan
 from tests.commands import answer_of, contents, files_of_at_most, is_refusal
 from tests.oracles.full_disk import SmallDisk, small_disk

@@ -18,9 +18,9 @@ from mjsheaf.errors import InputError
 from mjsheaf.files import dump_yaml
 from mjsheaf.results.metrics import MEASURES
 from mjsheaf.studies.figures import plot_study, swept_axes
-from mjsheaf.studies.plan import Plan, load_plan
+from mjsheaf.studies.plan import Plan, Point, load_plan
 from mjsheaf.studies.study import csv_of, make_table, open_directory, page_of
-from mjsheaf.studies.workers import Point, new_record
+from mjsheaf.studies.workers import new_record
 from tests.scenario.mutations import FUZZ, base, in_time, mutated_text, mutated_tree
 from tests.strategies import tried
 

@@ -7,8 +7,8 @@ import pytest
 
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario.load import read_scenario
-from mjsheaf.studies.plan import Plan, StudyFile, load_plan
-from mjsheaf.studies.workers import Point, run_job
+from mjsheaf.studies.plan import Plan, Point, StudyFile, load_plan
+from mjsheaf.studies.workers import run_job
 from tests.builders import refused
 from tests.commands import call
 

@@ -12,8 +12,8 @@ from mjsheaf.checking.theorem.targets import follow_targets
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import read_scenario, scenario_from_mapping
-from mjsheaf.studies.plan import Plan, StudyFile
-from mjsheaf.studies.workers import Job, Point, run_job
+from mjsheaf.studies.plan import Job, Plan, Point, StudyFile
+from mjsheaf.studies.workers import run_job
 from tests.builders import ONE_BOAT, altered, find
 
 SHORT: dict[str, Any] = {"time.end": 0.3, "disturbance": {"agents": {"bound": 0.2}}}

@@ -17,18 +17,9 @@ from typing import Any
 import psutil
 import pytest
 
+from mjsheaf.studies.plan import ForeignWorkerError, Job
 from mjsheaf.studies.study import run_study
-from mjsheaf.studies.workers import (
-    ForeignWorkerError,
-    Job,
-    JobResult,
-    SchedulerError,
-    Workers,
-    _spawning,
-    local_workers,
-    new_record,
-    workers_at,
-)
+from mjsheaf.studies.workers import JobResult, SchedulerError, Workers, _spawning, local_workers, new_record, workers_at
 from mjsheaf.threads import ONE_THREAD
 from tests.builders import IN_THREADS, small_plan
 from tests.commands import command_line, contents, start, wait_until
