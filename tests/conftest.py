@@ -75,7 +75,7 @@ def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
 def draw_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let runs draw no plots and an empty page."""
     monkeypatch.setattr("mjsheaf.runs.publish._plots_of", lambda *_: {})
-    for module in ("mjsheaf.page", "mjsheaf.runs.publish"):
+    for module in ("mjsheaf.page.page", "mjsheaf.runs.publish"):
         monkeypatch.setattr(f"{module}.page_of", lambda *_, **__: b"")
 
 

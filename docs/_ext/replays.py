@@ -62,7 +62,7 @@ def make_all() -> None:
 def make(name: str) -> None:
     """Run a scenario on bodies, and keep what its page shows."""
     from mjsheaf import load_scenario, simulate
-    from mjsheaf.page import page_of
+    from mjsheaf.page.page import page_of
     from mjsheaf.runs.publish import account_of
 
     option, changes = RUN_AS.get(name, ("", {}))

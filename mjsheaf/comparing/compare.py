@@ -36,7 +36,7 @@ from mjsheaf.comparing.variants import (
 from mjsheaf.compile.jit import working_time
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import Phase
-from mjsheaf.page import Ghost, page_of
+from mjsheaf.page.page import Ghost, page_of
 from mjsheaf.progress import Report, no_progress
 from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import summarize

@@ -17,7 +17,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import cf_xarray  # noqa: F401  # adds the accessor `cf`
 import h5py
@@ -51,7 +51,12 @@ def open_netcdf(path: str, sha256: str | None = None) -> Iterator[xr.Dataset]:
         file.seek(0)
         warnings.simplefilter("ignore")
         try:
-            _require_whole(file)
+            if file.read(len(_SIGNATURE)) == _SIGNATURE:
+                # h5netcdf refuses a file that is cut or damaged at its beginning too, but then prints an error to
+                # stderr when it forgets what it could not open.
+                with h5py.File(file, "r") as whole:
+                    whole.attrs.get("_nc3_strict")
+            file.seek(0)
             data = xr.open_dataset(file, decode_cf=False)
         except Exception as error:  # of any of the libraries that read files
             reason = shortened(" ".join(str(error).split()), 200)
@@ -72,20 +77,6 @@ def open_netcdf(path: str, sha256: str | None = None) -> Iterator[xr.Dataset]:
             raise InputError(f"cannot be read: {shortened(' '.join(str(error).split()), 200) or 'no memory'}") from None
         finally:
             data.close()
-
-
-def _require_whole(file: BinaryIO) -> None:
-    """Refuse a file of HDF5 that is cut or damaged at its beginning; others pass.
-
-    h5netcdf refuses it too, but then prints an error to stderr when it forgets what it could not open.
-
-    Raises:
-        OSError: HDF5 cannot open it.
-    """
-    if file.read(len(_SIGNATURE)) == _SIGNATURE:
-        with h5py.File(file, "r") as data:
-            data.attrs.get("_nc3_strict")
-    file.seek(0)
 
 
 def text_of(variable: Any, key: str) -> str:

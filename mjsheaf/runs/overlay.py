@@ -18,7 +18,7 @@ from mjsheaf._version import __version__
 from mjsheaf.arrays import Array
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError, PlaceError, listed
-from mjsheaf.page import Ghost, page_of
+from mjsheaf.page.page import Ghost, page_of
 from mjsheaf.progress import Report, no_progress
 from mjsheaf.results.metrics import engine_of, phases_in
 from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging, thin

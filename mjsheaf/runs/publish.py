@@ -34,7 +34,7 @@ from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import prepare_run
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.mujoco_import import mujoco
-from mjsheaf.page import bound_curves, page_of
+from mjsheaf.page.page import bound_curves, page_of
 from mjsheaf.progress import Report, no_progress, shown
 from mjsheaf.results import store
 from mjsheaf.results.dataset import fault_of, in_pieces

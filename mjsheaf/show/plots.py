@@ -241,9 +241,7 @@ def place_names(axis: Any, names: Sequence[str], places: Array, obstacles: Array
     renderer = axis.figure.canvas.get_renderer()
     points = axis.transData.transform(np.asarray(places, dtype=np.float64).reshape(-1, 2))
     avoid = points if obstacles is None else np.vstack([points, axis.transData.transform(obstacles)])
-    legend = axis.get_legend()
-    written = [*axis.texts, *([legend] if legend else [])]
-    taken = np.array([item.get_window_extent(renderer).extents for item in written]).reshape(-1, 4)
+    taken = np.array([text.get_window_extent(renderer).extents for text in axis.texts]).reshape(-1, 4)
     low = axis.bbox.extents[:2]
     high = axis.bbox.extents[2:]
     for name, place, point in zip(names, places, points, strict=True):

@@ -154,7 +154,7 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
     if not study.trajectories:
         return record, None, None
-    from mjsheaf.page import page_of
+    from mjsheaf.page.page import page_of
 
     bounds = bounds_of_phases(scenario.phases, dataset)
     again = "mjsheaf sweep", "; the study's index.html has the command"

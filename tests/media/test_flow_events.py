@@ -12,7 +12,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.system import Phase, System, on_engine
 from mjsheaf.media.flow import FlowField
-from mjsheaf.page import page_of
+from mjsheaf.page.page import page_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import media_of
 from tests.builders import mixed_scenario

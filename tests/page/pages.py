@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mjsheaf import simulate
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
-from mjsheaf.page import page_of
+from mjsheaf.page.page import page_of
 from mjsheaf.scenario import Scenario, load_scenario
 from tests.builders import known
 
