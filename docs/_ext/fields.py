@@ -1,4 +1,4 @@
-"""The reference of a file's fields, as Markdown: what its JSON Schema says, with examples out of real files."""
+"""References, as Markdown: a file's fields, by its JSON Schema and with examples out of real files, and variables."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,6 +10,7 @@ import yaml
 from pydantic import BaseModel
 
 from mjsheaf.files import list_studies, read_yaml
+from mjsheaf.results import dataset
 from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.scenario.load import read_scenario
 from mjsheaf.scenario.scenario import Swarm
@@ -241,3 +242,13 @@ def _section(section: Section, anchor: str, examples: Examples) -> Iterable[str]
 def prose(text: str) -> str:
     """A docstring as Markdown: nothing in it is markup but code between backquotes."""
     return re.sub(r"(?<!`)([*_|<>])(?!`)", r"\\\1", text) if "`" not in text else text
+
+
+def variables() -> str:
+    """Return the table of all variables of result.nc, in Markdown."""
+    lines = ["| Variable | Dimensions | Unit | Meaning |", "|---|---|---|---|"]
+    for entry in dataset.VARIABLES:
+        unit = entry.unit if isinstance(entry.unit, str) else "N or 1"
+        meaning = entry.long_name.replace("|", r"\|") + (f" ({entry.present})" if entry.present else "")
+        lines.append(f"| `{entry.name}` | {', '.join(entry.dimensions)} | {unit} | {meaning} |")
+    return "\n".join(lines) + "\n"

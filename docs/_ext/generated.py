@@ -16,7 +16,6 @@ import vehicles
 from sphinx.application import Sphinx
 
 from mjsheaf.cli.main import app as command_line
-from mjsheaf.results import dataset
 from mjsheaf.scenario import Scenario, list_scenarios
 from mjsheaf.studies.plan import StudyFile
 from mjsheaf.vehicles.vehicle import VehicleDescription
@@ -70,7 +69,7 @@ def generate(_: Sphinx) -> None:
         write(to / "gallery" / f"{name}.md", gallery.page(name))
     write(to / "gallery_fields.md", gallery.cards())
     write(to / "commands_fields.md", commands_page())
-    write(to / "variables_fields.md", dataset.reference())
+    write(to / "variables_fields.md", fields.variables())
     stalks.write(to / "stalks.svg")
     packages.write(to / "packages.svg")
     sheaves.write(to)

@@ -2,7 +2,7 @@
 
 Every variable and every coordinate is one entry of a list. An entry has a name, dimensions, a unit, a meaning, the runs
 that have it, and a function that reads it from samples. The lists define result.nc, the data of every other sink, and
-the reference page.
+the reference page (docs/_ext/fields.py).
 """
 
 import json
@@ -391,16 +391,6 @@ COORDINATES: list[Variable] = [
     *_of_channels("thruster_unit", "unit of", "unit"),
 ]  # fmt: skip
 """All coordinates but `time` and `phase`, which number the samples."""
-
-
-def reference() -> str:
-    """Return the table of all variables, in Markdown."""
-    lines = ["| Variable | Dimensions | Unit | Meaning |", "|---|---|---|---|"]
-    for entry in VARIABLES:
-        unit = entry.unit if isinstance(entry.unit, str) else "N or 1"
-        meaning = entry.long_name.replace("|", r"\|") + (f" ({entry.present})" if entry.present else "")
-        lines.append(f"| `{entry.name}` | {', '.join(entry.dimensions)} | {unit} | {meaning} |")
-    return "\n".join(lines) + "\n"
 
 
 _ATTRIBUTES = {"backend": str, "status": str, "message": str, "exchange_rounds": Integral, "numbers_sent": Integral}

@@ -4,6 +4,7 @@ Oracles: the law's own residual, and the dataset that `simulate` returns.
 """
 
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,13 @@ from mjsheaf.compile.jit import inline_jit
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import READERS
 from mjsheaf.results import dataset
-from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, fault_of, reference
+from mjsheaf.results.dataset import COORDINATES, VARIABLES, Variable, fault_of
 from mjsheaf.results.store import Memory, Sink, dataset_bytes, open_dataset, send, write_dataset
 from mjsheaf.runs.simulate import stream
-from tests.builders import boat_and_drone
+from tests.builders import REPOSITORY, boat_and_drone
+
+sys.path.append(str(REPOSITORY / "docs" / "_ext"))
+import fields
 
 BACKENDS = ("ideal", "physics")
 SPEED = Variable(
@@ -47,7 +51,7 @@ def test_one_entry_is_in_the_file_and_in_the_reference(
         expected = np.linalg.norm(np.nan_to_num(found["agent_velocity"].values), axis=2)
         np.testing.assert_allclose(found["agent_speed"].values, expected, rtol=1e-12, atol=1e-3)
         assert found["agent_speed"].dims == ("time", "agent")
-    assert "`agent_speed` | time, agent | m s-1 | speed over ground of each agent" in reference()
+    assert "`agent_speed` | time, agent | m s-1 | speed over ground of each agent" in fields.variables()
 
 
 @pytest.mark.long
@@ -130,7 +134,7 @@ def test_a_run_has_what_the_lists_say(backend: str, links: dict[str, Any]) -> No
     for name in set(map(str, found.variables)) & set(declared):
         assert found[name].dims == declared[name].dimensions
     for shown in found.data_vars:
-        assert f"`{shown}`" in reference()
+        assert f"`{shown}`" in fields.variables()
 
 
 def _transposed(name: str) -> Any:
