@@ -26,7 +26,7 @@ from mjsheaf.results.ending import (
     MIN_SPEED,
     ROUNDING,
     Stuck,
-    find_stuck_at_end,
+    find_stuck,
     is_unexplained,
     swing_at_end,
     undecayed_swing,
@@ -116,7 +116,7 @@ def try_mission(
     data = run.data
     finished = data.attrs["status"] == "finished"
     late = late_errors(phases[0].system.team, data)["tracking_error"]
-    stuck = find_stuck_at_end(phases, data) if finished else []
+    stuck = [one for one in find_stuck(phases, data) if one.at_end] if finished else []
     problems = list(_problems(scenario, phases, run, _away(stuck, data)))
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)

@@ -65,7 +65,7 @@ def ending_of_motion(
     Args:
         run: System of the run, or its phases.
         dataset: Result of `simulate`.
-        stuck: Result of `find_stuck_at_end`, if the caller has it.
+        stuck: Agents that `find_stuck` finds stuck at the end, if the caller has them.
     """
     system, last = of_phase(run, dataset, -1)
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
@@ -73,7 +73,7 @@ def ending_of_motion(
     error = np.sqrt((offsets**2).sum(axis=2).mean(axis=1))
     ending = judge(error, offsets if is_unexplained(system, last["time"].values, q_star, offsets) else None)
     if ending == "settled" and stuck is None:
-        stuck = find_stuck_at_end(phases_of(run), dataset)
+        stuck = [one for one in find_stuck(phases_of(run), dataset) if one.at_end]
     return "not settled" if ending == "settled" and stuck else ending
 
 
@@ -240,6 +240,7 @@ class Stuck:
         asked: Mean commanded speed meanwhile, m/s.
         error: Tracking error at the end of it, m.
         reason: Cause, in words.
+        at_end: True if it lasts to the end of the run, away from the agent's place.
     """
 
     agent: int
@@ -248,6 +249,7 @@ class Stuck:
     asked: float
     error: float
     reason: str
+    at_end: bool = False
 
     @property
     def duration(self) -> float:
@@ -296,12 +298,6 @@ def find_stuck(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Stuck]:
         still[:, v] &= (beyond > _MOSTLY * np.linalg.norm(held[v])) | (blocks.saturation[:, v] > _MOSTLY)
     found = [_longest(system, blocks, still[:, v], v) for v in np.flatnonzero(still.any(axis=0)).tolist()]
     return sorted((stuck for stuck in found if stuck), key=lambda stuck: (-stuck.duration, stuck.agent))
-
-
-def find_stuck_at_end(phases: Sequence[Phase], dataset: xr.Dataset) -> list[Stuck]:
-    """Find the agents of a run on bodies that are stuck at its end, away from their places."""
-    end = float(dataset["time"].values[-1])
-    return [stuck for stuck in find_stuck(phases, dataset) if stuck.end >= end and stuck.error > ROUNDING]
 
 
 def _average(dataset: xr.Dataset) -> _Blocks:
@@ -356,6 +352,7 @@ def _longest(system: System, blocks: _Blocks, still: BoolArray, v: int) -> Stuck
         asked=asked,
         error=float(blocks.error[end - 1, v]),
         reason=_reason(system, v, asked, float(blocks.flow[part, v].mean()), float(blocks.saturation[part, v].mean())),
+        at_end=end == len(still) and float(blocks.error[end - 1, v]) > ROUNDING,
     )
 
 

@@ -34,7 +34,7 @@ from mjsheaf.errors import and_others, with_verb
 from mjsheaf.errors import joined as in_words
 from mjsheaf.loop.system import Phase, System
 from mjsheaf.results.dataset import of_phase
-from mjsheaf.results.ending import ROUNDING, Stuck, find_stuck
+from mjsheaf.results.ending import Stuck, find_stuck
 from mjsheaf.results.store import pieces_of
 from mjsheaf.show.played import joined
 from mjsheaf.team import Team
@@ -101,8 +101,7 @@ def notes_of_run(
         slips: Sentences of `slips_of` about its files.
     """
     stuck = find_stuck(phases, dataset)
-    end = float(dataset["time"].values[-1])
-    stuck_to_the_end = any(one.end >= end and one.error > ROUNDING for one in stuck)  # reported in its own note
+    stuck_to_the_end = any(one.at_end for one in stuck)  # reported in its own note
     found = [
         *(Note("slip", sentence) for sentence in slips),
         *(Note("bound", bound.violation(), None, bound.worst, bound.ratio) for bound in bounds if bound.violation()),
