@@ -271,15 +271,6 @@ FOXGLOVE = f"live in Foxglove: open a connection to ws://127.0.0.1:{PORT}"
 TitleOption = Annotated[bool, typer.Option("--title/--no-title", help="Give the plots a title.")]
 
 
-def figure_options(formats: str, title: bool) -> "lazy.style.FigureOptions":
-    """Return the options of figures that --format and --no-title select.
-
-    Raises:
-        InputError: There is no such format.
-    """
-    return lazy.style.FigureOptions(tuple(formats.split(",")), title)
-
-
 def formats_of(**chosen: bool) -> list[str]:
     """Return the keys of `mjsheaf.export.FORMATS` that options like --mcap select."""
     return [name for name, wanted in chosen.items() if wanted]

@@ -35,7 +35,6 @@ from mjsheaf.cli.options import (
     TitleOption,
     VideoOption,
     changes_of,
-    figure_options,
     formats_of,
     make_console,
     make_table,
@@ -252,7 +251,7 @@ def run(
     code 1).
     """
     with progress_bars() as bars:
-        figures = figure_options(formats, title)
+        figures = lazy.style.FigureOptions(tuple(formats.split(",")), title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, str(backend), str(backend))
         if expect and getattr(loaded.expect, backend) is None and loaded.expect.refused is None:
             raise InputError(f"{scenario}: expect.{backend}: missing; --expect needs bounds for this backend")
@@ -350,7 +349,7 @@ def compare(
     bodies right) to a directory (default runs/NAME-compare).
     """
     with progress_bars() as bars:
-        figures = figure_options(formats, title)
+        figures = lazy.style.FigureOptions(tuple(formats.split(",")), title)
         loaded, directory, origin = prepare(scenario, overrides, seed, out, "physics", "compare")
         law = None if controller is None else lazy.load.find_law(controller)
         with in_field(scenario):
@@ -400,7 +399,7 @@ def compare_runs(
     """
     from rich.text import Text
 
-    figures = figure_options(formats, title)
+    figures = lazy.style.FigureOptions(tuple(formats.split(",")), title)
     with progress_bars() as bars:
         record, place, replaced = lazy.overlay.publish_runs(directories, out, figures, bars)
     numbers = ["tracking", "at the end", "formation", "at the end ", "distance"]
@@ -557,7 +556,7 @@ def sweep(
             option = "--threads" if workers is None else "--workers"
             reason = "has no meaning with --scheduler, which has its own workers; give one of the two"
             raise InputError(f"{option}: {reason}")
-        figures = figure_options(formats, title)
+        figures = lazy.style.FigureOptions(tuple(formats.split(",")), title)
         plan = lazy.plan.load_plan(
             source,
             grid=_grid_of(grid or ()),
@@ -682,7 +681,7 @@ def plot(
 ) -> None:
     """Redraw the plots of a finished run, for example as PDF without titles for a paper."""
     with progress_bars() as bars:
-        figures = figure_options(formats, title)
+        figures = lazy.style.FigureOptions(tuple(formats.split(",")), title)
         if out is not None:
             if out.exists() and not out.is_dir():
                 raise InputError(f"--out {out}: is not a directory")

@@ -5,6 +5,5 @@ Modules:
 - played: what is where at each sample;
 - solids: shapes of vehicles and obstacles;
 - style: colours, scales, and settings of figure files;
-- panels: parts that figures share, of matplotlib;
-- plots: the figures of a run.
+- plots: the style of all figures, and the figures of a run.
 """
