@@ -10,6 +10,7 @@ id; the function of time is smooth, and the same whatever integrates it, whereve
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -138,17 +139,23 @@ def draw(kinds: Sequence[Disturbance | None], dimensions: Sequence[int], ids: Se
     """
     count = max([kind.components for kind in kinds if kind is not None and kind.bound > 0.0], default=0)
     harmonics = np.zeros((len(kinds), count, 5))
-    for v, kind in enumerate(kinds):
+    for _, vehicles in groupby(range(len(kinds)), lambda v: id(kinds[v])):
+        first, *others = vehicles
+        kind = kinds[first]
         if kind is None or kind.bound == 0.0:
             continue
-        rng, own = generator_of(seed, "disturbance", ids[v]), harmonics[v, : kind.components]
-        own[:, : dimensions[v]] = rng.standard_normal((kind.components, dimensions[v]))
-        drawn = rng.random((3, kind.components))
+        own = harmonics[first : first + 1 + len(others), : kind.components]
+        drawn = np.empty((3, *own.shape[:2]))
+        for v, one in enumerate(own, first):
+            rng = generator_of(seed, "disturbance", ids[v])
+            one[:, : dimensions[v]] = rng.standard_normal((kind.components, dimensions[v]))
+            drawn[:, v - first] = rng.random((3, kind.components))
         share, (low, high) = 0.5 + 0.5 * drawn[0], kind.frequencies
-        direction = own[:, :3] / np.linalg.norm(own[:, :3], axis=1, keepdims=True)
-        own[:, :3] = kind.bound * (share / share.sum())[:, None] * direction
-        own[:, 3] = _TURN * (low + (high - low) * drawn[1])
-        own[:, 4] = _TURN * drawn[2]
+        amplitude = own[..., :3]  # of unit directions
+        amplitude /= np.linalg.norm(amplitude, axis=2, keepdims=True)
+        amplitude *= kind.bound * (share / share.sum(axis=1, keepdims=True))[..., None]
+        own[..., 3] = _TURN * (low + (high - low) * drawn[1])
+        own[..., 4] = _TURN * drawn[2]
     return harmonics
 
 

@@ -12,3 +12,7 @@ Whatever a scenario contains is data to the page: JSON without `<`, which script
 content security policy allows the one script and the one style that it is written with, by their hashes, and no
 connection at all.
 """
+
+from mjsheaf.page.page import Ghost, bound_curves, page_of
+
+__all__ = ["Ghost", "bound_curves", "page_of"]

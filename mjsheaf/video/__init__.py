@@ -7,3 +7,8 @@ Modules:
 - camera, scene, overlay: position of the camera; pixels of vehicles, decoration and sea; curves and labels over them;
 - gl: choice of an offscreen OpenGL that works on this machine.
 """
+
+from mjsheaf.video.film import Film, VideoOptions
+from mjsheaf.video.gl import available_backend
+
+__all__ = ["Film", "VideoOptions", "available_backend"]
