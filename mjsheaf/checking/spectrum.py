@@ -247,16 +247,6 @@ def matrix_of(team: Team) -> Array:
     return team.law_problem.H.toarray()
 
 
-def eigenvalues_of(team: Team) -> Complex:
-    """Return the eigenvalues of H of a team of linear edges, by real part, shape (n,).
-
-    Raises:
-        UndecidedError: H is too large.
-    """
-    values = np.linalg.eigvals(matrix_of(team)).astype(np.complex128)
-    return values[np.argsort(values.real, kind="stable")]
-
-
 def zero_of(
     team: Team,
     *,
@@ -267,12 +257,15 @@ def zero_of(
 
 
 def held_eigenvalues(team: Team) -> Complex:
-    """Return the eigenvalues of H that determine the loop, without zeros if a team without targets is free to move.
+    """Return the eigenvalues of H of a team of linear edges that determine the loop, by real part, shape (n,).
+
+    Without zeros if a team without targets is free to move.
 
     Raises:
         UndecidedError: H is too large.
     """
-    values = eigenvalues_of(team)
+    values = np.linalg.eigvals(matrix_of(team)).astype(np.complex128)
+    values = values[np.argsort(values.real, kind="stable")]
     zero = np.abs(values) <= zero_of(team) * float(np.abs(values).max(initial=0.0))
     return values[~zero] if team.free else np.where(zero, 0.0, values)
 
@@ -309,8 +302,6 @@ class Loss(Record):
 Single = tuple[Loss, list[int], int | None]
 """A loss with its effect on CONNECTED and SENSED, which needs no linear algebra and is exact at any size; the lost
 edges, by their indices in the sheaf's order; and the number of the lost agent, or None."""
-
-KindOfEdge = tuple[Kind | None, Edge]
 
 
 class Fragility(Record):
@@ -378,7 +369,7 @@ def _try_out(team: Team, singles: Iterable[Single]) -> Iterator[Loss]:
         yield loss.model_copy(update={"breaks": breaks, "lambda_min": lambda_min})
 
 
-def _edges(team: Team) -> list[KindOfEdge]:
+def _edges(team: Team) -> list[tuple[Kind | None, Edge]]:
     """Return the edges in the order of the sheaf, with the kind of those that can be lost."""
     kinds: list[tuple[Kind | None, tuple[Edge, ...]]] = [
         ("communication", team.communication),

@@ -13,7 +13,7 @@ from mjsheaf.arrays import Array
 from mjsheaf.checking import CheckRecord, examine_scenario
 from mjsheaf.checking.record import headline
 from mjsheaf.checking.report import report
-from mjsheaf.checking.spectrum import eigenvalues_of
+from mjsheaf.checking.spectrum import held_eigenvalues
 from mjsheaf.scenario import Scenario
 from tests.builders import build_scenario, list_members, make_fields, require, validator_of
 from tests.checking.test_screen import assert_record_fits
@@ -202,7 +202,7 @@ def test_unlike_delays_of_a_directed_team_are_undecided() -> None:
 
 def test_a_directed_acyclic_team_has_its_out_degrees_as_eigenvalues() -> None:
     """A measures 5, B 2, C 4; where the leader looks at those behind, nothing holds them."""
-    values = eigenvalues_of(following().team)
+    values = held_eigenvalues(following().team)
     assert np.allclose(np.sort(values.real), [2, 2, 4, 4, 5, 5])
     assert np.abs(values.imag).max() < 1e-12
     record = analyse(following())

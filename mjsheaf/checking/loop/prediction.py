@@ -41,7 +41,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy import linalg
 
@@ -57,7 +56,7 @@ from mjsheaf.checking.loop.body_loop import (
 )
 from mjsheaf.checking.loop.held_law import ROUNDS_OF_FITTING_EDGES, closed, driven
 from mjsheaf.checking.loop.linear_law import model_of, require_model, without_memory
-from mjsheaf.checking.spectrum import Spectrum, matrix_of
+from mjsheaf.checking.spectrum import Complex, Spectrum, matrix_of
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate
 from mjsheaf.checking.theorem.constants import agent_flow, agent_motion, flow_over_periods
 from mjsheaf.checking.theorem.targets import Carrier, follow_targets
@@ -313,8 +312,6 @@ def _follow(
 
 # -- gusts and waves ---------------------------------------------------------------------------------------------------
 
-
-Complex = NDArray[np.complex128]
 
 _MOST_STATES = 300
 """Largest loop that is solved at every frequency."""
