@@ -25,6 +25,7 @@ from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.loop.system import System
 from mjsheaf.section import Finite, Record
 from mjsheaf.sheaf import RANK_TOLERANCE
+from mjsheaf.sheaf.edges import parts as connected_parts
 from mjsheaf.sheaf.nonlinear import FREE_MOTION, SOLVED_RANK_TOLERANCE, Measure, linear_edge
 from mjsheaf.team import Edge, Member, Team, anchor, restriction_maps
 from mjsheaf.team.edges import LinearEdge
@@ -326,10 +327,8 @@ def _nearest(kind: Kind, agents: Sequence[int], ends: Sequence[int], places: Arr
 def _parts(free: sparse.csc_array, owner: IntArray) -> list[sparse.csc_array]:
     """Split the free directions into parts, such that no agent moves in two parts."""
     entries = free.tocoo()
-    moves = sparse.coo_array((np.ones(free.nnz), (owner[entries.row], entries.col))).tocsr()
-    _, label = csgraph.connected_components(moves.T @ moves, directed=False)
-    order = np.argsort(label, kind="stable")
-    return [free[:, columns] for columns in np.split(order, np.cumsum(np.bincount(label))[:-1])]
+    moves = sparse.coo_array((np.ones(free.nnz), (owner[entries.row], entries.col)))
+    return [free[:, columns] for _, columns, _ in connected_parts(moves)]
 
 
 # -- flexes of a formation ---------------------------------------------------------------------------------------------
