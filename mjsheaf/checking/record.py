@@ -404,8 +404,8 @@ def _of_loops(
             f"{top:.3g} m/s",
             fix="a slower motion, or a faster vehicle",
         )
-    if part.targets.unstable:
-        yield Problem(kind="targets", what=part.targets.verdict())
+    if diverging := part.targets.verdict():
+        yield Problem(kind="targets", what=diverging)
 
 
 def _of_gain(kind: str, what: str, why: str = "", gain: float | None = None, another: str = "") -> Problem:

@@ -57,8 +57,7 @@ def period_of_law(system: System) -> float:
     Raises:
         InputError: The timestep does not divide the control period.
     """
-    period = system.grid.period
-    return period / whole_ratio(period, system.bodies.timestep) if system.grid.continuous else period
+    return system.timestep if system.grid.continuous else system.grid.period
 
 
 def ideal_team(system: System) -> list[LinearVehicle]:
@@ -293,9 +292,7 @@ class BodyLoop(Record):
     )
 
     def verdict(self) -> str:
-        """The loop in a few words."""
-        if self.stable is not False:
-            return "the vehicles' loop is " + ("stable" if self.stable else f"undecided: {self.reason}")
+        """Describe an unstable loop in a few words."""
         mode = self.least_damped
         who = "" if mode is None or mode.agent is None else f" (about {mode.agent})"
         limit = "" if self.largest_gain is None else f": stable below a gain of {self.largest_gain:.3g} 1/s"
@@ -748,7 +745,7 @@ def with_bodies(loop: TargetsLoop, system: System, path: TargetPath) -> TargetsL
         # The mean velocity of the medium relative to each target's path, shape (M, 3), m/s. If the path is unknown or
         # diverges, it is that at the target's initial position.
         N = len(system.team.agents)
-        bounded = path.cells is not None and targets_loop(system).stable
+        bounded = path.cells is not None and loop.stable
         positions = path.positions[:, N:] if bounded else system.initial[None, N:]
         medium = -(positions[-1] - positions[0]) / float(path.time[-1] - path.time[0])
         for k in range(len(medium)):

@@ -639,7 +639,7 @@ class TargetsLoop(Record):
     )
 
     def verdict(self) -> str:
-        """Describe the loop in a sentence, with a fix if it is unstable."""
+        """Describe how the loop diverges, on ideal kinematics or on bodies, with a fix; empty if it does not."""
         if not self.stable:
             fixes = {"pull": "motion.pull", "consensus": "target_formation.gain"}
             lower = " or ".join(fixes[part] for part in self.parts)
@@ -652,7 +652,7 @@ class TargetsLoop(Record):
                 "the targets' own law is unstable on their vehicles (spectral radius "
                 f"{self.bodies.spectral_radius:.4g}); choose a lower motion.pull or target_formation.gain"
             )
-        return "the targets' own law is stable"
+        return ""
 
     @property
     def failure(self) -> str:
@@ -663,11 +663,6 @@ class TargetsLoop(Record):
             f"the targets' own held law diverges: {' and '.join(self.parts)} of {listed(self.targets)} at "
             f"{self.rate:.4g} 1/s times the control period is {self.product:.4g}, expected below 2"
         )
-
-    @property
-    def unstable(self) -> bool:
-        """Return True if it diverges, on ideal kinematics or on bodies."""
-        return not self.stable or (self.bodies is not None and self.bodies.stable is False)
 
 
 def targets_loop(
