@@ -60,7 +60,7 @@ from mjsheaf.checking.loop.linear_law import (
 )
 from mjsheaf.checking.spectrum import DENSE_STATES, agent_coboundary, held_eigenvalues
 from mjsheaf.checking.theorem.certificate import FILTERED, Certificate, obstacle_of_rank
-from mjsheaf.checking.theorem.constants import agent_slopes, flow_over_periods
+from mjsheaf.checking.theorem.constants import agent_slopes, flow_over_periods, speed_everywhere
 from mjsheaf.checking.theorem.targets import Carrier, targets_loop
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.law.terms import traffic_of
@@ -663,21 +663,18 @@ def envelope(system: System, certificate: Certificate) -> Envelope:
     if system.team.linearised_at is not None:
         raise UndecidedError("the team is linearised: what is said of it is local, and bounds no run")
     loop = loop_of(system)
-    new = terms_without_bound(system.law)
-    deficient = obstacle_of_rank(system)
-    targets = targets_loop(system)
     if not np.isfinite(certificate.constants.initial_error):
         raise UndecidedError("the error with which the phase begins is not known")
     if len(system.law.links.table):
         raise UndecidedError("links are not exact: no bound is known with noise, delay, loss or range")
-    if new:
+    if new := terms_without_bound(system.law):
         raise UndecidedError(f"no bound along the targets' path is known with {listed(new)}")
-    if deficient:
+    if deficient := obstacle_of_rank(system):
         raise UndecidedError(deficient)
     if not loop.radius < 1.0:
         raise UndecidedError("the loop is unstable")
-    if not targets.stable:
-        raise UndecidedError(targets.failure)
+    if diverging := targets_loop(system).failure:
+        raise UndecidedError(diverging)
     return _bounded(system, certificate, loop, _drive(system, certificate, *eigen_of(system)))
 
 
@@ -729,7 +726,7 @@ def _bounded(
     with np.errstate(invalid="ignore"):  # an infinite slope where nothing moves
         near = np.where(drive.moves > 0.0, agent_slopes(system, drive.middle, drive.moves) * drive.moves, 0.0)
     change = np.linalg.norm(near, axis=1)
-    fastest = 2.0 * certificate.largest_speed  # bound on the difference of the flow at two points
+    fastest = 2.0 * speed_everywhere(system)  # bound on the difference of the flow at two points
     within = np.full(K, np.inf)
     if np.isfinite(fastest):
         within = answer(np.full(K, np.sqrt(N) * fastest))[1]

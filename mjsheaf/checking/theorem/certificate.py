@@ -25,7 +25,6 @@ This module also decides the paper's numbered assumptions, each with the number 
 
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -116,11 +115,6 @@ class Certificate:
     def applies(self) -> bool:
         """Return True if the theorem applies."""
         return not self.reason
-
-    @cached_property
-    def largest_speed(self) -> float:
-        """Bound on the speed of the flow that agents meet anywhere, without uniform drift, m/s."""
-        return speed_everywhere(self.region.tube.system)
 
     def bound(self, initial_error: float, elapsed: Array) -> Array:
         """Return the bound on |e(t)|, m, from |e(t0)|, m, at times since the start, s; infinite if there is none."""
