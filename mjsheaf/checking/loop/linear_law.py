@@ -16,7 +16,6 @@ The agent has two edges to points at rest, each with half of the weight. Feedfor
 velocities. So the responses to measurement errors on the two edges differ by the contribution of feedforward.
 """
 
-import pickle
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any, NamedTuple
@@ -28,6 +27,7 @@ from scipy.sparse.csgraph import breadth_first_order
 
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.compile.jit import jit
+from mjsheaf.compile.remember import remember_last
 from mjsheaf.compile.tiers import tiered
 from mjsheaf.errors import UndecidedError, listed, select_true
 from mjsheaf.law.custom import names_of
@@ -49,7 +49,6 @@ _NEGLIGIBLE = 1e-11  # relative size below which a new direction is rounding
 _GENERIC_GAIN = 0.7390851332  # 1/s; terms do not cancel -k1 eta by chance at this gain
 _GENERIC = np.array([[0.685, 0.685]])  # weights of the two edges at which it is
 _STILL = np.zeros((1, 3, 3))
-_models: "dict[bytes, LawModel]" = {}
 _MOVED_POINTS = _MOTION * np.eye(9).reshape(3, 3, 3, 3).swapaxes(0, 1)  # along an axis: agent, first point, second
 
 
@@ -162,26 +161,20 @@ def _invariant_basis(A: Array, b: Array, size: Array) -> Array:
     return basis
 
 
-def model_of(
-    law: LawArrays,
-    period: float,
-    *,
-    most: int = 200,
-) -> "LawModel":
+def _model_key(law: LawArrays, period: float) -> tuple[Any, ...]:
+    """Return everything on which the model of a law depends."""
+    alone = _one_agent(law)
+    return (*alone.law.terms, alone.law.custom, alone.law.edges.F_tail, period)
+
+
+@remember_last(_model_key, most=200)
+def model_of(law: LawArrays, period: float) -> "LawModel":
     """Return the linear model of a team's law with a control period, s; teams with the same terms share it.
 
     Raises:
         UndecidedError: The law is not linear.
     """
-    alone = _one_agent(law)
-    key = pickle.dumps((*alone.law.terms, alone.law.custom, alone.law.edges.F_tail, period))
-    model = _models.get(key)
-    if model is None:
-        model = LawModel(alone, period)
-        if len(_models) >= most:
-            _models.clear()
-        _models[key] = model
-    return model
+    return LawModel(_one_agent(law), period)
 
 
 class LawModel:
