@@ -177,8 +177,6 @@ def try_gains(
         worth_trying: Smallest multiple of the present gain that is tried.
     """
     gain = phases[0].system.gain
-    if gain <= 0.0:
-        return []
     most = np.inf if largest_stable is None else below_unstable * largest_stable / gain
     tried = [float(f"{min(factor, most):.3g}") for factor in factors]
     tried = [factor for factor in dict.fromkeys(tried) if factor > worth_trying]

@@ -498,8 +498,6 @@ def body_loop(
             raise UndecidedError("H is not symmetric, and the law has terms")
         if system.team.stressed and system.law.terms.newton + system.law.terms.feedforward > 0:
             raise UndecidedError(ROUNDS_OF_FITTING_EDGES)
-        if system.gain <= 0.0:
-            raise UndecidedError("the gain is 0")
         if not spectrum.smallest.size:
             raise UndecidedError("nothing is held")
         models = linear_vehicles(system, range(len(medium)), medium)

@@ -217,8 +217,6 @@ def _path_of(
         raise UndecidedError("the harmonic extension is not unique")
     if path.cells is None:
         raise UndecidedError(f"the targets' path is not known: {path.warning}")
-    if len(path.samples) < 2:
-        raise UndecidedError("there are no targets to follow")
     if path.stride > 1:
         raise UndecidedError("the run has too many samples")
     last = len(path.samples) - 1
