@@ -106,9 +106,9 @@ def listed(names: Collection[str]) -> str:
     return shown + (f", ... ({len(names)} in all)" if len(names) > _MOST else "")
 
 
-def joined(names: Sequence[str]) -> str:
+def joined(names: Sequence[str], last: str = " and ") -> str:
     """Join names in a sentence: a, b and c."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+    return last.join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def and_others(name: str, others: int) -> str:

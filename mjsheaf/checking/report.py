@@ -296,9 +296,7 @@ def _fragile(fragility: Fragility) -> str:
     more = fragility.critical_count - len(losses)
     if more:
         losses.append("1 other" if more == 1 else f"any of {more} others")
-    *others, last = losses
-    either = f"{', '.join(others)} or {last}" if others else last
-    return f"losing {either} breaks an assumption"
+    return f"losing {joined(losses, ' or ')} breaks an assumption"
 
 
 def _separation(safety: SafetyRecord) -> str:
