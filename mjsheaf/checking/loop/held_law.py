@@ -341,18 +341,6 @@ class Loop:
             rows[:, range(first + 1, size), range(first, size - 1)] = 1.0
         return rows[..., :size], rows[..., size:], command
 
-    def command_variances(self) -> Array:
-        """Return the variance of the command under white noise of unit variance in each input, shape (L, 4), 1/s^2.
-
-        See `with_noise`.
-        """
-        M, G, command = self.with_noise(0)
-        size = M.shape[1]
-        noise = G.swapaxes(1, 2)[..., None] * G.swapaxes(1, 2)[..., None, :]  # (L, 4, n, n)
-        P = stationary(M[:, None], M[:, None], noise)
-        of_state = command[:, :size]
-        return np.asarray(np.einsum("li,lkij,lj->lk", of_state, P, of_state) + command[:, size:] ** 2)
-
 
 def stationary(
     A: Array,
@@ -824,6 +812,11 @@ def _noise(system: System, loop: Loop) -> float:
     """Return `LawLoop.noise`: bounds on the noise of odometry through sensed targets and through the agent's motion."""
     if not system.law.extended:
         return 0.0
-    command = np.sqrt(loop.command_variances())  # per m of each input, shape (L, 4)
-    carried = float((loop.values * command[:, 2]).max()) * _carried_odometry(system)
-    return carried + float(command[:, 3].max())
+    M, G, command = loop.with_noise(0)
+    size = M.shape[1]
+    noise = G.swapaxes(1, 2)[..., None] * G.swapaxes(1, 2)[..., None, :]  # (L, 4, n, n), of unit variance in each input
+    P = stationary(M[:, None], M[:, None], noise)
+    of_state = command[:, :size]
+    rms = np.sqrt(np.einsum("li,lkij,lj->lk", of_state, P, of_state) + command[:, size:] ** 2)  # 1/s, shape (L, 4)
+    carried = float((loop.values * rms[:, 2]).max()) * _carried_odometry(system)
+    return carried + float(rms[:, 3].max())
