@@ -41,7 +41,7 @@ from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.law.edges import LinkArrays
 from mjsheaf.loop.session import engine_of
-from mjsheaf.loop.system import Phase, System, phases_of
+from mjsheaf.loop.system import Phase, System
 from mjsheaf.progress import Report, no_progress
 from mjsheaf.results import metrics
 from mjsheaf.results.ending import Ending, settling_time
@@ -139,9 +139,8 @@ class Span:
         return np.asarray((number >= 0.5 * (self.first + self.end - 1)) & (number < self.end))
 
 
-def span_of(run: System | Sequence[Phase], number: int | None = None) -> Span:
+def span_of(phases: Sequence[Phase], number: int | None = None) -> Span:
     """Return the span of a phase, by its number, or of the whole run as requested."""
-    phases = phases_of(run)
     end = phases[0].system.grid.steps + 1
     if number is None:
         return Span(0, end)
@@ -582,14 +581,13 @@ def _switched_on(system: System) -> frozenset[str]:
     )
 
 
-def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> list[Variant]:
+def ladder_of(phases: Sequence[Phase], *, controlled: bool = False) -> list[Variant]:
     """List the variants of a scenario, in the order of the module's table.
 
     Args:
-        run: System of the scenario, or its phases.
+        phases: Phases of the scenario.
         controlled: True if a law in Python is in control.
     """
-    phases = phases_of(run)
     system = phases[0].system
     effects, own = effects_of(system), _switched_on(system)
     has_terms = controlled or any(phase.system.law.extended for phase in phases)
@@ -623,7 +621,7 @@ def ladder_of(run: System | Sequence[Phase], *, controlled: bool = False) -> lis
 
 
 def run_ablation(
-    run: System | Sequence[Phase],
+    phases: Sequence[Phase],
     ladder: list[Variant],
     progress: Report = no_progress,
     *,
@@ -636,7 +634,7 @@ def run_ablation(
     of it, so that the integrator is ruled out as the cause. The scenario as given never runs again.
 
     Args:
-        run: System of the scenario, or its phases.
+        phases: Phases of the scenario.
         ladder: Variants to run.
         progress: Callback, called with 'simulating variants', the variants done and the number of variants.
         law: Law in Python, constructed anew for every run; None for the scenario's own.
@@ -645,7 +643,6 @@ def run_ablation(
     Returns:
         Runs by key.
     """
-    phases = phases_of(run)
     whole = {variant.setup for variant in ladder if variant.kind == "all"}
 
     @cache

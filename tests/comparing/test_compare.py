@@ -188,7 +188,7 @@ def test_video_has_both_side_by_side(tmp_path: Path) -> None:
 def test_both_curves_of_the_video_have_one_axis() -> None:
     """Equal errors lie in equal rows. Oracle: the rows of one error in both videos."""
     scenario = two_boats("otter", "hull", time={"end": 4.0})
-    runs = run_ablation(scenario.system, [rung for rung in ladder_of(scenario.system) if rung.key in ("ideal", "all")])
+    runs = run_ablation(scenario.phases, [rung for rung in ladder_of(scenario.phases) if rung.key in ("ideal", "all")])
     data = [runs[key].dataset for key in ("ideal", "all")]
     options = half_options(scenario)
     films = [film for film, _ in both_films(scenario, data[0], data[1], options)]

@@ -20,6 +20,7 @@ from mjsheaf.comparing.variants import (
     run_ablation,
     span_of,
 )
+from mjsheaf.loop.system import phases_of
 from mjsheaf.scenario import Scenario
 from tests.builders import positions_of, two_aircraft, two_boats
 
@@ -39,7 +40,7 @@ def hulls(tau: float) -> Scenario:
 
 def test_bodies_with_ideal_thrusters_run_as_without_their_effects() -> None:
     system = hulls(0.01).system
-    runs = run_ablation(system, ladder_of(system))
+    runs = run_ablation(phases_of(system), ladder_of(phases_of(system)))
     np.testing.assert_array_equal(positions_of(runs["all"].dataset), positions_of(runs["base"].dataset))
 
 
@@ -58,10 +59,10 @@ TERMS = {"feedforward": {"rounds": 2}, "newton": {"rounds": 2}, "drift": {}}
 def test_a_part_has_rungs_without_it(part: str, fields: dict[str, Any], plain: dict[str, Any]) -> None:
     """They are runs of the scenario over perfect links, without a limit or terms, bit for bit; others are with it."""
     whole, without = (two_boats("otter", "hull", time={"end": 1.0}, **each) for each in (fields, plain))
-    ladder = ladder_of(whole.system)
+    ladder = ladder_of(whole.phases)
     assert [rung.key for rung in ladder[-2:]] == [f"ideal-{part}", f"all-{part}"]
-    assert [rung.key for rung in ladder[:-2]] == [rung.key for rung in ladder_of(without.system)]
-    runs = run_ablation(whole.system, ladder)
+    assert [rung.key for rung in ladder[:-2]] == [rung.key for rung in ladder_of(without.phases)]
+    runs = run_ablation(whole.phases, ladder)
     for key, backend in (("ideal", "ideal"), ("all", "physics")):
         own, other = positions_of(runs[key].dataset), positions_of(runs[f"{key}-{part}"].dataset)
         np.testing.assert_array_equal(own, positions_of(simulate(whole, backend)))
@@ -88,7 +89,7 @@ EFFECTS_OF = {
 def test_rungs_are_the_effects_that_vehicles_have(scenario: Scenario, expected: list[str]) -> None:
     system = scenario.system
     assert effects_of(system) == expected
-    keys = [rung.key for rung in ladder_of(system)]
+    keys = [rung.key for rung in ladder_of(phases_of(system))]
     assert keys == ["ideal", "targets", "agents", "base", *(f"+{e}" for e in expected), "all"] + [
         f"-{e}" for e in expected
     ]
@@ -106,7 +107,7 @@ def test_every_rung_is_the_run_that_it_says() -> None:
 
 def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
     system = two_boats("wamv", "otter", time={"end": 1.0}).system
-    runs = run_ablation(system, ladder_of(system))
+    runs = run_ablation(phases_of(system), ladder_of(phases_of(system)))
     targets = {key: np.nan_to_num(run.dataset["target_position"].values) for key, run in runs.items()}
     np.testing.assert_allclose(targets["targets"], targets["base"], atol=1e-12)
     np.testing.assert_allclose(targets["agents"], targets["ideal"], atol=1e-12)
@@ -116,7 +117,7 @@ def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
 def test_a_rung_that_blows_up_is_marked_and_the_others_go_on() -> None:
     """Without mass, a hull's step of .02 s under a gain of 200 1/s diverges; the ladder reports it for each variant."""
     system = two_boats("hull", "hull", controller={"gain": 200.0, "control_period": 0.02}).system
-    runs = run_ablation(system, ladder_of(system))
+    runs = run_ablation(phases_of(system), ladder_of(phases_of(system)))
     assert {run.dataset.attrs["status"] for run in runs.values()} == {"unstable"}
     for run in runs.values():
         assert "unstable" in run.dataset.attrs["message"]
@@ -128,7 +129,7 @@ def test_a_rung_that_blows_up_is_marked_and_the_others_go_on() -> None:
 def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:
     system = two_boats("hull", "hull").system
     time = system.grid.samples
-    chosen = span_of(system).last_half(len(time))
+    chosen = span_of(phases_of(system)).last_half(len(time))
     assert time[chosen][0] == pytest.approx(1.5)
     assert root_mean_square(np.full(len(time), 3.0), chosen) == 3.0
     assert np.isnan(root_mean_square(time[:10], chosen[:10]))  # it blew up before
@@ -137,7 +138,7 @@ def test_late_is_the_last_half_of_the_run_that_was_asked_for() -> None:
 @given(st.integers(0, 2**32 - 1))
 def test_a_budget_sums_to_the_whole(seed: int) -> None:
     """Ideal + targets + agents + together + every effect alone + interaction = all, whatever the errors."""
-    ladder = ladder_of(two_boats("otter", "hull").system)
+    ladder = ladder_of(two_boats("otter", "hull").phases)
     values = np.random.default_rng(seed).uniform(0.0, 10.0, len(ladder))
     error = {rung.key: float(x) for rung, x in zip(ladder, values, strict=True)}
     budget = budget_of(("team", "tracking_error", "late"), error, None)
@@ -151,7 +152,7 @@ def test_a_budget_sums_to_the_whole(seed: int) -> None:
 
 
 def test_a_rung_that_blew_up_leaves_a_hole_in_the_budget() -> None:
-    ladder = ladder_of(two_boats("otter", "hull").system)
+    ladder = ladder_of(two_boats("otter", "hull").phases)
     error = {variant.key: None if variant.key == "+lag" else 1.0 for variant in ladder}
     budget = budget_of(("team", "tracking_error", "late"), error, None)
     assert next(item for item in budget.effects if item.effect == "lag").alone_m is None
