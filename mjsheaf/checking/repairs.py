@@ -20,7 +20,14 @@ from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
 from mjsheaf.arrays import Array, IntArray
-from mjsheaf.checking.spectrum import agent_coboundary, held_eigenvalues, smallest_eigenvalue, spectrum_of, zero_of
+from mjsheaf.checking.spectrum import (
+    DENSE_STATES,
+    agent_coboundary,
+    held_eigenvalues,
+    smallest_eigenvalue,
+    spectrum_of,
+    zero_of,
+)
 from mjsheaf.errors import UndecidedError, listed
 from mjsheaf.loop.system import System
 from mjsheaf.section import Finite, Record
@@ -498,9 +505,6 @@ def _list_candidates(team: Team, positions: Array) -> tuple[list[Brace], Array]:
 # leave them free. The required rank is n d - d (d + 1) / 2 for ranges alone, n d - d - 1 for bearings, and n d - d for
 # positions.
 
-MAX_STATES = 600
-"""Largest number of the agents' coordinates for which a rank is computed."""
-
 
 class Rigidity(Record):
     """Rigidity of the linearised team at q*; everything about range and bearing edges is local."""
@@ -543,7 +547,7 @@ def rigidity_of(system: System, original: Team, *, nothing: float = 1e-9) -> Rig
     unique = team.dirichlet.unique if team.symmetric else len(values) == n
     localizable = None if team.free else bool(unique)
     rate = system.gain * float(values.real.min()) if len(values) else None
-    if n > MAX_STATES:
+    if n > DENSE_STATES:
         return Rigidity(rank=None, needed=None, rigid=None, localizable=localizable, rate=rate)
     held_by_stress = team.free and team.stressed
     if held_by_stress:
