@@ -563,13 +563,9 @@ def rigidity_of(system: System, original: Team, *, nothing: float = 1e-9) -> Rig
     x = x - x.mean(axis=0)
     axes = max(agent.dimension for agent in team.agents)
     size = float(np.abs(x).max()) or 1.0
-    every = [np.broadcast_to(np.eye(3)[a], x.shape) for a in range(axes)]
-    for a, b in itertools.combinations(range(axes), 2):
-        turn = np.zeros((3, 3))
-        turn[a, b] = 1.0
-        turn[b, a] = -1.0
-        every.append(x @ turn / size)
-    every.append(x / size)
+    along = np.eye(3)[:axes]
+    turns = [np.outer(a, b) - np.outer(b, a) for a, b in itertools.combinations(along, 2)]
+    every = [*(np.broadcast_to(a, x.shape) for a in along), *(x @ turn / size for turn in turns), x / size]
     motions = np.array([motion.reshape(-1) for motion in every])[:, team.slots[:n]].T
     _, singular, combinations = np.linalg.svd(np.linalg.qr(D @ motions, mode="r"))
     seen = int(np.count_nonzero(singular > max(nothing, tolerance) * np.sqrt(len(D))))
