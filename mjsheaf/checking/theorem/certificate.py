@@ -221,7 +221,6 @@ class Search:
         self.constants = Constants(
             path=path,
             difference=difference,
-            largest_disturbance=float(system.largest_disturbance.max(initial=0.0)),
             moving=level if rho is not None else moving,
             level=level,
             initial_error=initial_error,
@@ -461,7 +460,7 @@ def _decide(
     found = {
         "f is continuously differentiable": smooth,
         "g has full row rank": rank,
-        "disturbances are continuous and bounded": _bounded(system, constants.largest_disturbance),
+        "disturbances are continuous and bounded": _bounded(system),
         "g^+ is continuous and bounded": inverse,
         "G_q is connected and every target is sensed": _topology(system.team),
         "H^0(G, G_p; F) = 0": trivial,
@@ -484,10 +483,11 @@ def _decide(
     ]
 
 
-def _bounded(system: System, largest: float) -> Finding:
+def _bounded(system: System) -> Finding:
     """Decide the bound of disturbances: sums of sines, waves, tides and files have one; Gaussian gusts have none."""
-    gusts = np.flatnonzero(~np.isfinite(system.largest_disturbance))
-    if len(gusts):
+    largest = float(system.largest_disturbance.max(initial=0.0))
+    if not np.isfinite(largest):
+        gusts = np.flatnonzero(~np.isfinite(system.largest_disturbance))
         who = _first([system.team.members[v].id for v in gusts], 6)
         return "does not apply", None, "m/s", f"the gusts of {who} are Gaussian, not bounded: see disturbance.rms"
     witness = "sums of sines: continuous, and bounded by construction" if largest else "there is no disturbance"

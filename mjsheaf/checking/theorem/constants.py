@@ -413,7 +413,6 @@ class Constants:
     Attributes:
         path: Path of the targets, with the harmonic extension along it.
         difference: f_B along the targets' path; its bound is f_bar.
-        largest_disturbance: Largest omega_bar_i, m/s.
         moving: Bounds of the moving parts of the medium.
         level: The same without contributions to rho, for the bound with rho = 0.
         initial_error: |e(t0)|, m.
@@ -421,7 +420,6 @@ class Constants:
 
     path: TargetPath
     difference: Difference
-    largest_disturbance: float
     moving: Moving
     level: Moving
     initial_error: float
