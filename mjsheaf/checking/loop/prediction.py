@@ -125,53 +125,49 @@ def steady_error(
         rate: Slowest decay of the loop, 1/s; None if it is not known.
         notable: Fraction of the error; effects that may be larger are named.
     """
-    ideal = bodies = None
-    reason = reason_on_bodies = ""
+    bodies = None
+    reason_on_bodies = ""
+    exact = not len(system.law.links.table)
     limit = system.law.limit[: len(system.team.agents)]
-    sheared = unsettled = False
-    turns = [False]
-    limited: BoolArray = np.zeros(len(limit), dtype=np.bool_)
-    saturates = limited
-    slow = limited
     try:
         require_model(system)
         path = _path_of(system, certificate, rate)
         ideal, speed, places = _follow(system, certificate, system.law, ideal_team(system), limit, path)
-        # Difference in steady flow between the positions and q*, m/s, and remaining initial error, m; both RMS.
-        difference = agent_flow(system, places) - agent_flow(system, path.q_star[-path.counted :])
-        shear = float(np.sqrt((difference**2).sum(axis=1).mean() / len(limit)))
-        begins = system.grid.period * (len(path.q_star) - path.counted)
-        initial = float(np.linalg.norm(path.initial - path.q_star[0])) / np.sqrt(len(limit))
-        sheared = shear > notable * ideal * (rate or 0.0)
-        unsettled = initial * np.exp(-(rate or 0.0) * begins) > notable * ideal
-        limited = np.any((speed > limit)[-path.counted :], axis=0)
-        saturates = np.any(speed > limit, axis=0)
     except UndecidedError as error:
-        reason = reason_on_bodies = str(error)
-    else:
-        try:
-            medium = medium_on_path(system, certificate.constants.path)
-            vehicles = linear_vehicles(system, range(len(limit)), medium)
-            able = [vehicle.capability for vehicle in system.vehicles[: len(limit)]]
-            fastest = np.minimum(limit, [one.forward_speed for one in able])
-            law = system.control_of_bodies.law  # whose feedforward leads by the time constants
-            if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
-                raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
-            drift = system.drift_in_wind(medium)
-            blown = path._replace(flow=path.flow + drift.reshape(-1)[system.team.slots[: path.flow.shape[1]]])
-            bodies, speed, _ = _follow(system, certificate, law, vehicles, fastest, blown)
-            strained = np.minimum(speed, limit) > [one.least_speed for one in able]
-            slow = np.any(strained[0 if unsettled else -path.counted :], axis=0)
-            turns = [unsettled and one.dimension == 2 and not one.steering.attitude for one in system.vehicles]
-        except UndecidedError as error:
-            reason_on_bodies = str(error)
-    exact = not len(system.law.links.table)
+        return SteadyError(
+            ideal=None, bodies=None, exact_links=exact, limited=[], reason=str(error), reason_on_bodies=str(error)
+        )
+    # Difference in steady flow between the positions and q*, m/s, and remaining initial error, m; both RMS.
+    difference = agent_flow(system, places) - agent_flow(system, path.q_star[-path.counted :])
+    shear = float(np.sqrt((difference**2).sum(axis=1).mean() / len(limit)))
+    begins = system.grid.period * (len(path.q_star) - path.counted)
+    initial = float(np.linalg.norm(path.initial - path.q_star[0])) / np.sqrt(len(limit))
+    unsettled = initial * np.exp(-(rate or 0.0) * begins) > notable * ideal
+    limited = np.any((speed > limit)[-path.counted :], axis=0)
+    saturates = np.any(speed > limit)
+    strained = np.zeros((1, len(limit)), dtype=np.bool_)
+    turns = [False]
+    try:
+        medium = medium_on_path(system, certificate.constants.path)
+        vehicles = linear_vehicles(system, range(len(limit)), medium)
+        able = [vehicle.capability for vehicle in system.vehicles[: len(limit)]]
+        fastest = np.minimum(limit, [one.forward_speed for one in able])
+        law = system.control_of_bodies.law  # whose feedforward leads by the time constants
+        if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
+            raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
+        drift = system.drift_in_wind(medium)
+        blown = path._replace(flow=path.flow + drift.reshape(-1)[system.team.slots[: path.flow.shape[1]]])
+        bodies, speed, _ = _follow(system, certificate, law, vehicles, fastest, blown)
+        strained = np.minimum(speed, limit) > [one.least_speed for one in able]
+        turns = [unsettled and one.dimension == 2 and not one.steering.attitude for one in system.vehicles]
+    except UndecidedError as error:
+        reason_on_bodies = str(error)
     left_out = {
         "noise, delays and losses of links": not exact,
-        "differences in flow between agents and their places": sheared,
+        "differences in flow between agents and their places": shear > notable * ideal * (rate or 0.0),
         "the curvature of range and bearing edges": system.team.linearised_at is not None,
-        "effects of speed limits on terms of the law": system.law.extended and saturates.any(),
-        "thrust limits": slow.any(),
+        "effects of speed limits on terms of the law": system.law.extended and saturates,
+        "thrust limits": strained[0 if unsettled else -path.counted :].any(),
         "turns of boats that hold no heading": any(turns[: len(limit)]),
         WIND_ON_TARGETS: bool(system.mean_wind[len(limit) :][system.motion.pull[len(limit) :] == 0.0].any()),
     }
@@ -180,8 +176,8 @@ def steady_error(
         bodies=bodies,
         exact_links=exact,
         limited=[id for id, often in zip(system.team.agent_ids, limited, strict=True) if often],
-        leaves_out=[] if ideal is None else select_true(left_out),
-        reason=reason,
+        leaves_out=select_true(left_out),
+        reason="",
         reason_on_bodies=reason_on_bodies,
     )
 
