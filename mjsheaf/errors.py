@@ -116,6 +116,11 @@ def and_others(name: str, others: int) -> str:
     return name + (f" and {others} other{'s' if others > 1 else ''}" if others else "")
 
 
+def and_more(count: int, noun: str) -> str:
+    """Return how many more there are: and 1 more pair, and 2 more pairs."""
+    return f"and {count} more {noun}{'s' if count > 1 else ''}"
+
+
 def with_verb(name: str, others: int, one: str = "is", several: str = "are") -> str:
     """Return a name with the number of others and the verb, as a sentence about them begins."""
     return f"{and_others(name, others)} {several if others else one}"

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from mjsheaf.errors import InputError, shortened, suggestion, visible
+from mjsheaf.errors import InputError, and_more, shortened, suggestion, visible
 
 LARGEST = 1e9
 """Maximum size of numbers in a file; larger values count as a blow-up, and their products would overflow."""
@@ -143,7 +143,7 @@ def validation_problems(error: ValidationError, model: type[BaseModel]) -> list[
         lines[f"{'.'.join(map(visible, p.path)) or 'file'}: {p.text}{expectation}{p.close}"] = None
     more = len(lines) - MAX_PROBLEMS
     shown = list(lines)[:MAX_PROBLEMS]
-    return shown if more <= 0 else [*shown, f"and {more} more error{'s' if more > 1 else ''}"]
+    return shown if more <= 0 else [*shown, and_more(more, "error")]
 
 
 def _foremost(rivals: "list[_Problem]") -> "_Problem":

@@ -21,7 +21,7 @@ from mjsheaf.checking.spectrum import Fragility, RelativeCohomology
 from mjsheaf.checking.theorem.certificate import Assumption
 from mjsheaf.checking.theorem.targets import TargetsLoop
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.errors import and_others, listed
+from mjsheaf.errors import and_more, and_others, listed
 from mjsheaf.section import OF_TEAM, TEAM_NORM, Finite, Norm, Record
 
 
@@ -514,7 +514,7 @@ def _of_room(safety: SafetyRecord, period: float) -> Iterator[Problem]:
     close = [one for one in safety.unsafe if safety.changing or one.fraction > MOSTLY]
     if close:
         nearest = close[0]
-        others = "" if len(close) == 1 else f", and {len(close) - 1} more pairs"
+        others = "" if len(close) == 1 else f", {and_more(len(close) - 1, 'pair')}"
         yield Problem(
             kind="unsafe",
             what=f"{' and '.join(nearest.pair)} are too close in q*",
@@ -531,7 +531,7 @@ def _of_room(safety: SafetyRecord, period: float) -> Iterator[Problem]:
     agent, other = worst.pair
     rates = [one.rate for one in kept if one.rate is not None]
     changes = {"safety.rate": min(_round(_SPARE * max(rates)), 1.0 / period)} if len(rates) == len(kept) else {}
-    others = "" if len(kept) == 1 else f", and {len(kept) - 1} more pairs"
+    others = "" if len(kept) == 1 else f", {and_more(len(kept) - 1, 'pair')}"
     yield Problem(
         kind="room",
         what=f"the safety filter keeps {agent} {worst.kept:.3g} m from {other}, and its place is at "

@@ -20,7 +20,7 @@ from mjsheaf.checking.record import CheckRecord, Proposal, TheoremSummary, descr
 from mjsheaf.checking.separation import SafetyRecord
 from mjsheaf.checking.spectrum import Fragility
 from mjsheaf.checking.trial import TrialRecord
-from mjsheaf.errors import joined, listed
+from mjsheaf.errors import and_more, joined, listed
 
 PAGE_WIDTH = 120
 """Smallest width of the page."""
@@ -187,7 +187,7 @@ def screen(
         block = ["", *_wrapped(problem.what[0].upper() + problem.what[1:] + ".", "  ", "  ")]
         block += _cut(_wrapped(f"Why: {problem.why}.", "      ", "    "), 3, whole) if problem.why else []
         block += _cut(_wrapped(f"Fix: {problem.fix}. {tried}", "      ", "    "), 4, whole) if problem.fix else []
-        more = ["", f"... and {len(record.problems) - k} more problems"]
+        more = ["", f"... {and_more(len(record.problems) - k, 'problem')}"]
         if not whole and len(lines) + len(block) + len(more) + len(rest) > MAX_LINES:
             lines += more
             break

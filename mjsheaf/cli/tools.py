@@ -416,8 +416,9 @@ def view(
     The page is served on 127.0.0.1 only, to one client, at an address with a random token. Closing it ends the
     command. What you do is recorded as the `events:` of a scenario that reproduces the session bit for bit.
     """
-    if Path(source).is_dir():
-        _open_page(Path(source), browser)
+    finished = Path(source)
+    if finished.is_dir() and ((finished / "result.nc").exists() or source not in lazy.load.list_scenarios()):
+        _open_page(finished, browser)
         return
     with ExitStack() as loading:
         loading.enter_context(progress_bars("preparing the run"))

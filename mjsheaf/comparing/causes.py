@@ -264,8 +264,11 @@ def _cause(
     if record.velocity_limit is not None:
         limit = record.velocity_limit
         saved = record.saved_by("all-limit", TEAM, measure)
-        # What suffices is the largest speed commanded in the second half of the ideal run without a limit.
+        # What suffices is the largest speed commanded in the second half of the ideal run without a limit, unless it is
+        # only on their way there that agents lack speed.
         fix = f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
+        if limit.asked_m_s <= limit.lowest_m_s:
+            fix = "raise velocity_limit, which is too low on the way to q* alone"
         causes.append((saved, least, "the velocity limit", fix))
     if added > _MIN_BODY_FRACTION * budget.all_m:
         for item in budget.effects:

@@ -21,7 +21,7 @@ from mjsheaf.comparing.variants import (
     RungRecord,
     display_name,
 )
-from mjsheaf.errors import joined, select_true, shortened
+from mjsheaf.errors import and_more, joined, select_true, shortened
 
 MAX_LINES = 14
 """Maximum number of lines of the answer on a screen. With six lines on the files, `compare` prints at most twenty."""
@@ -70,7 +70,7 @@ def summary(
         events = shortened(", ".join(phase.events) or "start", characters)
         lines.append(f"{f'  phase {k}':<{_LABEL_WIDTH}}{errors}: {events}, from {phase.start:.6g} s")
     if len(record.phases) > phases:
-        lines.append(f"  and {len(record.phases) - phases} more phases in report.txt")
+        lines.append(f"  {and_more(len(record.phases) - phases, 'phase')} in report.txt")
     shown = 0
     for sentence in record.verdict:
         wrapped = wrap(sentence, SCREEN_WIDTH, initial_indent="- ", subsequent_indent="  ", break_on_hyphens=False)
@@ -80,8 +80,7 @@ def summary(
         shown += 1
     left = len(record.verdict) - shown
     if left:
-        noun = "sentence" if left == 1 else "sentences"
-        lines.append(f"  and {left} more {noun} in report.txt")
+        lines.append(f"  {and_more(left, 'sentence')} in report.txt")
     return lines
 
 

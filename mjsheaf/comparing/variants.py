@@ -403,8 +403,7 @@ class Setup:
         )
         changed = changed if self.terms else without_terms(changed)
         changed = changed if self.links else without_links(changed)
-        unlimited = np.where(system.law.limit > 0.0, np.inf, 0.0)  # absent agents are still commanded to rest
-        return replace(changed, law=changed.law._replace(limit=system.law.limit if self.limited else unlimited))
+        return replace(changed, unlimited=not self.limited)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from mjsheaf.live.server import Server
 from mjsheaf.loop.session import Session
 from mjsheaf.loop.system import System
 from mjsheaf.media.flow import FlowField
+from mjsheaf.media.gridded import GriddedFlow
 from mjsheaf.page.page import Packer, add_samples, law_in_words, origin_of, page_of
 from mjsheaf.results.dataset import join, make_datasets
 from mjsheaf.results.store import Memory, Sink
@@ -50,10 +51,12 @@ SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 
 
 def flow_values(scenario: Scenario, factor: float) -> dict[str, Any]:
-    """Return the fields of the steady flow multiplied by a factor, by path."""
+    """Return the fields of the steady flow multiplied by a factor, by path; none if a part of it is gridded."""
     values: dict[str, Any] = {}
     for medium in type(scenario.flow).model_fields:
         field = getattr(scenario.flow, medium)
+        if isinstance(field, GriddedFlow):
+            return {}
         if not isinstance(field, FlowField):
             continue
         if field.drift is not None:
@@ -94,7 +97,7 @@ def event_of(action: Mapping[str, Any], scenario: Scenario, time: float) -> Even
         raise InputError(f"{value!r}: expected a number from {low:g} to {high:g}")
     values = {"controller.gain": float(value)} if name == "gain" else flow_values(scenario, float(value))
     if not values:
-        raise InputError("flow: the scenario has no steady flow; expected one")
+        raise InputError("flow: the scenario has no steady flow, or a gridded one; expected drift or kernels alone")
     return Change(time=time, set=values)
 
 

@@ -151,8 +151,9 @@ class Fused(ClosedLoop):
         threads = min(plan.threads, V * steps // _WORTH_A_THREAD)
         if threads > 1 and not self.controller and not INTERPRETED:
             self._pool, self._others = ThreadPoolExecutor(threads), threads - 1
-            parts = _PARTS * threads
-            self._ends = (np.arange(parts + 1) * (len(self._fleet.blocks) - 1) // parts).tolist()
+            blocks = len(self._fleet.blocks) - 1
+            parts = min(_PARTS * threads, blocks)
+            self._ends = (np.arange(parts + 1) * blocks // parts).tolist()
 
     def _bodies(self, room: Room) -> Bodies:
         V = len(self._vehicles)

@@ -142,6 +142,7 @@ class System:
         safety: Fields of the safety filter; None without one.
         earlier_medium: Bound on the medium's speed around each vehicle in earlier phases, shape (V,), m/s; 0 if there
             are none.
+        unlimited: True to limit no command; the safety filter stays that of the velocity limits.
     """
 
     name: str
@@ -163,6 +164,7 @@ class System:
     seed: int = 0
     safety: Safety | None = None
     earlier_medium: Array | float = 0.0
+    unlimited: bool = False
 
     def described_vehicle(self, name: str) -> Vehicle:
         """Return a vehicle as its files describe it; they are compiled once for a system and all copies of it.
@@ -243,7 +245,7 @@ class System:
     @cached_property
     def control(self) -> ControlArrays:
         """The law and the references for compiled code."""
-        return ControlArrays(self._with_safety(self.law, np.zeros(len(self.planar))), self.motion)
+        return ControlArrays(self._completed(self.law, np.zeros(len(self.planar))), self.motion)
 
     @cached_property
     def control_of_bodies(self) -> ControlArrays:
@@ -254,11 +256,16 @@ class System:
         if terms.lead.any():
             tau = np.array([vehicle.reduced_model().tau[0] for vehicle in self.vehicles[: terms.agents]])
             law = law._replace(terms=terms._replace(lead=terms.lead * (1.0 + tau / terms.period)))
-        return ControlArrays(self._with_safety(law, self.safety_margins) if self.safety else law, self.motion)
+        margins = self.safety_margins if self.safety else np.zeros(len(self.planar))
+        return ControlArrays(self._completed(law, margins), self.motion)
 
-    def _with_safety(self, law: LawArrays, margins: Array) -> LawArrays:
+    def _completed(self, law: LawArrays, margins: Array) -> LawArrays:
         """Return the law with the scenario's safety filter, with margins (V,), m, in addition to its distance."""
-        return law if self.safety is None else law._replace(safety=self.separation(margins))
+        if self.safety is not None:
+            law = law._replace(safety=self.separation(margins))
+        if self.unlimited:
+            law = law._replace(limit=np.where(law.limit > 0.0, np.inf, 0.0))  # absent agents are commanded to rest
+        return law
 
     def separation(self, margins: Array) -> SafetyArrays:
         """Return the safety filter for compiled code, with margins (V,), m, in addition to its distance.

@@ -29,7 +29,6 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from scipy.signal import detrend
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.loop.system import Phase, System, phases_of
@@ -93,6 +92,8 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     unknown = system.moving or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any()
     if unknown or len(time) < _MIN_SAMPLES:
         return False
+    from scipy.signal import detrend  # which takes a third of a second to load
+
     noise = float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
     quarter = _quarters(offsets)[-1]
     half_period = float(time[-1] - time[-len(quarter)]) / max(_reversals(quarter), 1)

@@ -391,11 +391,11 @@ class Formation(Tagged):
             raise InputError(f"the shape has {len(corners)} places but the formation has {len(dimensions)} members")
         spatial = np.zeros((len(corners), 3))
         spatial[:, : corners.shape[1]] = corners
-        spatial[:, 2] += self.height
         return [self._displaced(o[:n].copy()) for o, n in zip(spatial, dimensions, strict=True)]
 
     def _displaced(self, place: Array) -> Array:
-        """Return a place (n,) with the displacement of the group added, m."""
+        """Return a place (n,) with height and displacement of the group added, m."""
+        place[2:] += self.height
         for axis, value in enumerate((self.centre or [])[: len(place)]):
             place[axis] += value
         return place

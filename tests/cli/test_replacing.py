@@ -75,6 +75,13 @@ def test_a_name_of_mjsheafs_own_is_no_file(project: Path) -> None:
     assert is_refusal(run("mine.yaml"), "midpoint", "mine.yaml")
 
 
+def test_view_takes_a_name_for_a_scenario_where_a_directory_holds_no_run(project: Path) -> None:
+    for name in ("midpoint", "mine"):
+        (project / name).mkdir()
+    assert is_refusal(answer_of("view", "midpoint", "--speed", "3"), "--speed 3")
+    assert is_refusal(answer_of("view", "mine", "--speed", "3"), "mine", "holds no result.nc")
+
+
 def test_a_project_may_be_moved(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run("a.yaml").code == 0
     monkeypatch.chdir(project.parent)

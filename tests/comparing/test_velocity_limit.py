@@ -3,6 +3,9 @@
 Oracles: the commands of a plain run; the limit that is said to do, tried.
 """
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -14,10 +17,10 @@ from tests.builders import known, two_boats
 from tests.running import rms_error
 
 
-def limited(limit: float | None) -> Scenario:
+def limited(limit: float | None, end: float = 24.0, **fields: Any) -> Scenario:
     """A target on a circle at 0.6 m/s, and boats that may do so much."""
     controller = {"gain": 1.0, "control_period": 0.02} | ({} if limit is None else {"velocity_limit": limit})
-    return two_boats("hull", "hull", time={"end": 24.0}, controller=controller)
+    return two_boats("hull", "hull", time={"end": end}, controller=controller, **fields)
 
 
 def late_tracking(scenario: Scenario, backend: str) -> float:
@@ -64,3 +67,20 @@ def test_a_limit_that_is_not_met_costs_nothing_and_is_not_spoken_of() -> None:
     assert record.saved_by("all-limit", "team", "tracking_error") == pytest.approx(0.0, abs=1e-12)
     assert "velocity" not in " ".join(record.verdict)
     assert compare(limited(None)).record.velocity_limit is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("authority", ["equal", "by_speed"])
+def test_the_safety_filter_stays_that_of_the_limit_that_is_taken_away(authority: str) -> None:
+    """Its range, the agents' shares and the margins of bodies follow from the limit."""
+    scenario = limited(0.4, 6.0, safety={"distance": 0.5, "authority": authority})
+    record = compare(scenario).record
+    found = {key: known(record.error(key, "team", "tracking_error")) for key in ("all", "ideal-limit", "all-limit")}
+    assert found["all-limit"] < 0.7 * found["all"]
+    assert found["all-limit"] == pytest.approx(found["ideal-limit"], rel=0.1)
+    free = replace(scenario.system, unlimited=True)
+    for name in ("control", "control_of_bodies"):
+        own, other = (getattr(system, name).law for system in (scenario.system, free))
+        assert np.isinf(other.limit[:2]).all()
+        for field, kept in own.safety._asdict().items():
+            np.testing.assert_equal(getattr(other.safety, field), kept, err_msg=field)

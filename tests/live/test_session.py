@@ -8,7 +8,7 @@ import pytest
 
 from mjsheaf import check, load_scenario
 from mjsheaf.errors import InputError, NotUniqueError
-from mjsheaf.live.live import Recorder, stable_gain
+from mjsheaf.live.live import Recorder, event_of, stable_gain
 from mjsheaf.loop.session import Session
 from tests.builders import build_scenario, refused
 
@@ -48,6 +48,12 @@ def test_what_is_not_possible_is_refused_and_changes_nothing(action: dict[str, A
             recorder.do(action)
         assert recorder.events == []
         assert session.engine.phases is phases
+
+
+def test_a_gridded_flow_has_no_factor() -> None:
+    scenario = load_scenario("double_gyre", {"flow.air": {"dimension": 3, "drift": [1, 0, 0]}})
+    with pytest.raises(InputError, match="flow: the scenario has no steady flow, or a gridded one"):
+        event_of({"flow": 2.0}, scenario, 0.0)
 
 
 def test_agents_cannot_be_left_free_to_drift_and_a_refusal_says_who_would_be() -> None:

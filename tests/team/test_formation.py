@@ -105,6 +105,8 @@ def test_members_get_displacements_in_their_own_dimension() -> None:
 def test_explicit_displacements_are_kept() -> None:
     places = Explicit(**named(2), displacements=((1, 2), np.array([3, 4, 5]))).places([2, 3])  # type: ignore[arg-type]
     assert [list(o) for o in places] == [[1, 2], [3, 4, 5]]
+    low, high = Explicit(**named(2), displacements=[[1, 2], [3, 4, 5]], height=2.0).places([2, 3])
+    assert [list(low), list(high)] == [[1, 2], [3, 4, 7]]
 
 
 @pytest.mark.parametrize(

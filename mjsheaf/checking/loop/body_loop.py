@@ -674,8 +674,8 @@ def whole_loop(system: System, spectrum: Spectrum, models: list[LinearVehicle]) 
     team = system.team
     owner = np.repeat(np.arange(len(team.agents)), [a.dimension for a in team.agents])
     problem = team.law_problem
-    H = problem.H.toarray() if team.symmetric else matrix_of(team)
     _require_size(owner, models)
+    H = problem.H.toarray() if team.symmetric else matrix_of(team)
     Q = np.eye(len(H)) if problem.unique else linalg.null_space(problem.null_basis.T)
     if not system.law.extended:
         return joined(models, lambda gain: without_memory(-gain * H), Q, owner)
