@@ -92,14 +92,14 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     unknown = system.moving or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any()
     if unknown or len(time) < _MIN_SAMPLES:
         return False
-    from scipy.signal import detrend  # which takes a third of a second to load
-
     noise = float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
     quarter = _quarters(offsets)[-1]
     half_period = float(time[-1] - time[-len(quarter)]) / max(_reversals(quarter), 1)
     disturbance = float(system.largest_disturbance[: len(system.team.agents)].max(initial=0.0))
     swing = _swing(quarter)
-    of_q_star = float(np.linalg.norm(detrend(_quarters(q_star)[-1], axis=0).std(axis=0)))  # of the team, for any agent
+    places = _quarters(q_star)[-1]  # of the team, for any agent
+    squares = np.linalg.lstsq(np.vander(np.arange(len(places)), 2), places.reshape(len(places), -1))[1]
+    of_q_star = float(np.sqrt(squares.sum() / len(places)))  # about straight lines; 0 for two samples
     explained = _MAX_OF_NOISE * noise, _MAX_OF_DISTURBANCE * disturbance * half_period / np.pi
     return swing > max(*explained, _MAX_OF_Q_STAR * of_q_star)
 
