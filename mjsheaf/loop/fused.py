@@ -24,7 +24,7 @@ each row is copied into the memory of that Loop, advances one period there, and 
 functions as the fused engine, and the result of each is bit for bit that of the run alone.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from itertools import pairwise
 from typing import Any
@@ -39,7 +39,7 @@ from mjsheaf.errors import InputError
 from mjsheaf.law.custom import naming_terms
 from mjsheaf.law.law import look, unlook
 from mjsheaf.loop.block import ALONE, advance_alone, advance_lanes, command_alone, fits_lanes, pack_rigid
-from mjsheaf.loop.engine import Log, Recorder, new_log
+from mjsheaf.loop.engine import Recorder, new_log
 from mjsheaf.loop.loop import NEVER, Bodies, ClosedLoop, Loop, Params, begin_span, blow_up_of, map_seeded, run_law
 from mjsheaf.media.medium import advance as advance_medium
 from mjsheaf.team import Team
@@ -47,7 +47,6 @@ from mjsheaf.vehicles.vehicle import kinds_of
 
 _MOST_NUMBERS = 50_000  # of a loop whose vehicles Python commands: some 150 vehicles
 _WORTH_A_THREAD = 25_000  # vehicles times steps between two evaluations of the law: a round takes 0.2 ms
-_PARTS = 4  # of the vehicles, for each thread: one that wakes late takes fewer
 
 
 @inline_jit
@@ -150,10 +149,8 @@ class Fused(ClosedLoop):
         steps = 1 if self.system.grid.continuous else self.steps_per_sample
         threads = min(plan.threads, V * steps // _WORTH_A_THREAD)
         if threads > 1 and not self.controller and not INTERPRETED:
-            self._pool, self._others = ThreadPoolExecutor(threads), threads - 1
-            blocks = len(self._fleet.blocks) - 1
-            parts = min(_PARTS * threads, blocks)
-            self._ends = (np.arange(parts + 1) * blocks // parts).tolist()
+            self._pool = ThreadPoolExecutor(threads)
+            self._ends = (np.arange(threads + 1) * (len(self._fleet.blocks) - 1) // threads).tolist()
 
     def _bodies(self, room: Room) -> Bodies:
         V = len(self._vehicles)
@@ -195,17 +192,14 @@ class Fused(ClosedLoop):
             k = self.steps_taken
             span = min(params.per_law - k % params.per_law, end - k)
             row = begin_span(self._held, k, recorder)
-            parts = pairwise(self._ends)
-            others = [pool.submit(self._move_parts, parts, k, span, log, row) for _ in range(self._others)]
-            self._move_parts(parts, k, span, log, row)
+            others = [
+                pool.submit(_advance_part, self._held, self._rigid, first, last, k, span, log, row, self._bad)
+                for first, last in pairwise(self._ends[1:])
+            ]
+            _advance_part(self._held, self._rigid, 0, self._ends[1], k, span, log, row, self._bad)
             for other in others:
                 other.result()
             self._count[0] = k + span
-
-    def _move_parts(self, parts: Iterator[tuple[int, int]], step: int, count: int, log: Log, row: int) -> None:
-        """Move the blocks of parts that no other thread has taken; see `advance_block`."""
-        for first, last in parts:
-            _advance_part(self._held, self._rigid, first, last, step, count, log, row, self._bad)
 
     def close(self) -> None:
         """End the threads."""

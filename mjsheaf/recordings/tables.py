@@ -169,8 +169,8 @@ def _require_one_meaning(found: _Columns, titles: list[str], lines: _Lines) -> N
     Raises:
         InputError: The message names the columns or the line.
     """
-    for a, b in (("x", "east"), ("z", "up"), ("z", "down")):
-        if {a, b} <= set(found) and "latitude" not in found:
+    for a, b in (("x", "east"), ("z", "up"), ("z", "down"), ("up", "down")):
+        if {a, b} <= set(found) and ("latitude" not in found or a == "up"):
             raise InputError(f"columns {a} and {b} are both there; expected one of them, so remove or rename the other")
     for number, row in lines:
         if titles and len(row) > len(titles):

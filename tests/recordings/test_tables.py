@@ -171,6 +171,8 @@ def test_a_dialect_is_read(dialect: str, tmp_path: Path) -> None:
         ("t,x,y\n0,1,234.5,2\n", {}, "line 2: has 4 cells under 3 titles"),
         ("t,lat,N/S,lon,E/W\n0,33,S,70,W\n", {"origin": [33, 70]}, "a column has hemispheres, S; expected negative"),
         ("t,x,y,z,alt\n0,0,0,5,105\n", {}, "columns z and up are both there"),
+        ("t,x,y,alt,depth\n0,0,0,5,1\n", {}, "columns up and down are both there"),
+        ("t,lat,lon,alt,depth\n0,0,0,5,1\n", {}, "columns up and down are both there"),
         ("t,x,y,east,north\n0,0,0,5,105\n", {}, "columns x and east are both there"),
         ("t,pos_err_x,pos_err_y\n0,0,0\n", {}, "expected a table of numbers"),
         ("t,lat,lon\n0,60,10\n", {"origin": [95, 10]}, r"origin: \(95, 10\) is no place"),
