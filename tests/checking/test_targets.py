@@ -232,3 +232,12 @@ def test_bounds_of_references_are_never_exceeded_and_nearly_attained() -> None:
                 seen[axis] = max(seen[axis], np.linalg.norm(values, axis=0).max())
         assert seen[0] <= speed[v] <= 3.0 * seen[0]
         assert seen[1] <= acceleration[v] <= 3.0 * seen[1]
+
+
+def test_a_target_without_a_bound_leaves_no_bound() -> None:
+    """Also where an agent's q* does not depend on it: 0 times infinity is no number."""
+    apart = build_scenario(
+        {"A1": [1.0, 0.0], "A2": [9.0, 0.0]}, {"T1": [0.0, 0.0], "T2": [8.0, 0.0]}, [["A1", "T1"], ["A2", "T2"]]
+    )
+    np.testing.assert_array_equal(Carrier(apart.system).reach(np.array([np.inf, 1.0])), [np.inf, np.inf])
+    np.testing.assert_array_equal(Carrier(apart.system).reach(np.array([2.0, 1.0])), [2.0, 1.0])

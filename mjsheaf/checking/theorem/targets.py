@@ -102,7 +102,9 @@ class Carrier:
     def reach(self, radii: Array) -> Array:
         """Bound the motion of each agent's q*_i, shape (..., N), if targets move by at most `radii`, shape (..., M)."""
         if self._blocks is not None:
-            return np.asarray(radii @ self._blocks.T)
+            with np.errstate(invalid="ignore"):  # a target without a bound that some q*_i does not depend on
+                reach = np.asarray(radii @ self._blocks.T)
+            return np.where(np.isnan(reach), np.inf, reach)
         return np.repeat(self._norm * np.linalg.norm(radii, axis=-1, keepdims=True), len(self._team.agents), axis=-1)
 
     def spread(self, radii: Array, slopes: Array, moves: Array) -> Array:
