@@ -21,10 +21,15 @@ __all__ = ["mujoco", "quiet", "refusing"]
 try:
     import mujoco
 except (ImportError, RuntimeError, AttributeError):  # what a missing or unknown backend raises
-    from unittest.mock import patch
-
-    with patch.dict(os.environ, MUJOCO_GL="off"):
+    given = os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = "off"
+    try:
         import mujoco
+    finally:
+        if given is None:
+            del os.environ["MUJOCO_GL"]
+        else:
+            os.environ["MUJOCO_GL"] = given
 
 
 _READING = RLock()

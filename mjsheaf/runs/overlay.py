@@ -20,6 +20,7 @@ from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError, PlaceError, listed
 from mjsheaf.page.page import Ghost, page_of
 from mjsheaf.progress import Report, no_progress
+from mjsheaf.results.dataset import law_of
 from mjsheaf.results.metrics import engine_of, phases_in
 from mjsheaf.results.store import reopen_run, replaced_run, save_summary, staging, thin
 from mjsheaf.scenario import Scenario
@@ -132,12 +133,14 @@ class OpenRun:
     @property
     def law(self) -> str:
         """Name of the run's law."""
-        return str(self.dataset.attrs["law"])
+        attrs = self.dataset.attrs
+        return str(attrs.get("law") or attrs.get("controller") or law_of(self.scenario.system))
 
     @property
     def gain(self) -> float | None:
         """Gain of the run's law, 1/s; None under a law in Python."""
-        return self.dataset.attrs.get("gain")
+        attrs = self.dataset.attrs
+        return None if attrs.get("controller") or "gain" not in attrs else float(attrs["gain"])
 
 
 @contextmanager
