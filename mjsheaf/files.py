@@ -511,7 +511,7 @@ def describe(error: BaseException) -> str:
         text = str(error)
     except (Exception, SystemExit):
         text = "an exception that cannot be printed, because its __str__ raises another"
-    return f"{visible(type(error).__name__)}: {visible(text, 300)}{place}"
+    return f"{visible(type(error).__name__)}: {visible(text, 300)}{place}"  # characters of its text at most
 
 
 def execute_file(path: Path, prefix: str) -> ModuleType:

@@ -390,7 +390,7 @@ MIN_UNFORESEEN = 2.0
 """Difference of these errors that matters, m."""
 
 _BLOCK = 6.0  # s, over which commands and velocities are compared
-_CALM = 0.3  # of the speed of a swing, that of the medium which does not drive it
+_CALM = 0.3  # of the speed of a swing, that of the medium which does not drive it; and the same for growth
 
 
 @dataclass(frozen=True)
@@ -556,8 +556,8 @@ def grows(run: xr.Dataset, i: int, begin: float) -> bool:
     """Return True if an agent's error grows from eighth to eighth of the run from `begin`, s, by a half and more.
 
     A rise to the error that the law leaves slows: its second half is less than 0.9 times the first. Nor is it growth
-    where an agent's place and the medium drive it: a law that comes nearer by itself lets the error grow by no more
-    than the velocity of its place through the medium changes, from the first half of that time to the second.
+    where the agent's place or the medium drives it: where the velocity of the place through the medium changes, from
+    the first half of that time to the second, by more than three times the rate of the error.
     """
     part = run.isel(agent=i).sel(time=slice(begin, None))
     time = part["time"].values
@@ -568,7 +568,7 @@ def grows(run: xr.Dataset, i: int, begin: float) -> bool:
     place, flow = (np.nan_to_num(part[name].values) for name in ("harmonic_extension", "agent_flow"))
     before, after = (half.mean(axis=0) for half in np.array_split(np.gradient(place, time, axis=0) - flow, 2))
     rate = (means[4:].mean() - means[:4].mean()) / (0.5 * (time[-1] - time[0]))
-    return bool(rate > np.linalg.norm(after - before))
+    return bool(rate > _CALM * np.linalg.norm(after - before))
 
 
 def _swing(run: xr.Dataset, i: int, begin: float, end: float) -> float:

@@ -389,7 +389,8 @@ def _without_headway(
     """
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
-    _, _, third, fourth = quarters = _of_quarters(last)
+    quarters = _of_quarters(last)
+    third, fourth = quarters[2:]
     size, along = _by_second(last.isel(time=slice(-(last.sizes["time"] // 4), None)), np.zeros(3))
     commanded, towards = size.mean(axis=0), along.mean(axis=0)
     idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & ~_are_approaching(quarters)

@@ -99,9 +99,10 @@ class FlatEpisode(Episode):
         from mjsheaf.envs.control_suite import BodyPhysics, MovableCamera
 
         if not hasattr(self, "_camera"):
-            self._camera = MovableCamera(BodyPhysics(self), 480, 640)
+            self._camera = MovableCamera(BodyPhysics(self), 480, 640)  # px
         places = self.world.positions()
         low, high = places.min(axis=0), places.max(axis=0)
+        # The camera is 1.6 times the size of the team, and 3 m, away.
         self._camera.set_pose(0.5 * (low + high), 1.6 * float(np.linalg.norm(high - low)) + 3.0, 120.0, -35.0)
         return self._camera.render().copy()
 

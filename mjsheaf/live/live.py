@@ -408,7 +408,7 @@ class LiveRun:
         # Frames may take a hundredth of the time.
         affordable = max(1, int(max(FRAME, self._display.cost / 0.01) / work))
         wanted = affordable if math.isinf(self._speed) else round(FRAME * self._speed / period)
-        self._samples = max(1, min(wanted, 2 * self._samples, affordable, 4096))
+        self._samples = max(1, min(wanted, 2 * self._samples, affordable, 4096))  # in a chunk
 
     def _act(self) -> None:
         """Perform the actions that have arrived."""

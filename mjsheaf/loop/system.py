@@ -260,7 +260,10 @@ class System:
         return ControlArrays(self._completed(law, margins), self.motion)
 
     def _completed(self, law: LawArrays, margins: Array) -> LawArrays:
-        """Return the law with the scenario's safety filter, with margins (V,), m, in addition to its distance."""
+        """Return the law with the scenario's safety filter, with margins (V,), m, in addition to its distance.
+
+        Velocity limits are taken away last, if they are: the filter follows from them.
+        """
         if self.safety is not None:
             law = law._replace(safety=self.separation(margins))
         if self.unlimited:

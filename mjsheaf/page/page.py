@@ -155,6 +155,7 @@ def pack(
     origin = origin_of(dataset)
     T = dataset.sizes["time"]
     run = RecordedRun(dataset, content.surface_height)
+    # At most half a million positions, unless the fewest samples have more.
     most = int(np.clip(500_000 // content.vehicles, _FEWEST, _MOST))
     events = [row for phase in phases[1:] for row in (phase.start - 1, phase.start) if 0 <= row < T]
     rows = np.unique(np.array([*thin(T, most), *events]))

@@ -15,6 +15,7 @@ import csv
 import re
 from pathlib import Path
 
+import cf_xarray  # noqa: F401  # adds the accessor `cf`
 import numpy as np
 import pandas as pd
 import xarray as xr

@@ -130,6 +130,11 @@ class DirichletProblem:
         return self._edges.delta[:, self._columns_U]
 
     @cached_property
+    def interior(self) -> list[Hashable]:
+        """The vertices W, in vertex order."""
+        return self._stalks.interior(self.boundary)
+
+    @cached_property
     def H(self) -> sparse.csr_array:  # noqa: N802 - the paper's symbol
         """L[W, W], shape (n_W, n_W)."""
         return gram(self._D, self._D)

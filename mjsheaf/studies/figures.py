@@ -126,7 +126,7 @@ def _axis_of(study: StudyFile, path: str, values: list[Any]) -> SweptAxis:
     names = [key for key in dict.fromkeys([*order, *keys]) if key in keys]
     index = pd.Index(names).get_indexer(keys).astype(np.int64)
     parts = [Path(name).name if name.endswith(SUFFIXES) else name for name in names]
-    labels = [plain(part if path == "points" else shortened(part, 24)) for part in parts]
+    labels = [plain(part if path == "points" else shortened(part, 24)) for part in parts]  # characters
     return SweptAxis(path, name, False, draw is not None, False, np.arange(len(names), dtype=np.float64), labels, index)
 
 

@@ -184,8 +184,9 @@ def test_the_oracle_sees_a_boat_that_falls_behind(limit, failure):
         (lambda t: 3.0 + 0.01 * t, 0.0, False),  # by too little
         (lambda t: 10.0 - 8.0 * np.exp(-0.1 * t), 0.0, False),  # a rise to what the law leaves
         (lambda t: 5.0 + 4.0 * np.sin(t), 0.0, False),
-        (lambda t: 3.0 + 0.1 * t, 0.2, False),  # the medium turns faster than the error grows
-        (lambda t: np.exp(0.1 * t), 0.2, True),
+        (lambda t: 3.0 + 0.1 * t, 0.2, True),
+        (lambda t: 3.0 + 0.1 * t, 0.5, False),  # the medium turns much faster than the error grows
+        (lambda t: np.exp(0.1 * t), 0.5, True),
     ],
 )
 def test_the_oracle_tells_growth_from_a_rise_that_something_drives(error, turn, grows_by_itself):
