@@ -100,7 +100,9 @@ def check(
         loaded = lazy.scenario.load_scenario(scenario, changes_of(overrides))
         _ = loaded.whole.vehicles  # what cannot be read is refused in one line, without progress before it
     with progress_bars("checking", lines=None if as_json else "stderr"):  # the answer alone is on stdout
-        examination = lazy.checking.examine_scenario(loaded, rate=rate, radius=radius, rho=_rho_of(rho))
+        examination = lazy.checking.examine_scenario(
+            loaded, rate=rate, radius=radius, rho=None if rho is None else _rho_of(rho)
+        )
     record = examination.record
     if not trial:
         record = lazy.examining.untried(record)
@@ -137,14 +139,12 @@ def _figures_of(plot: Path | None, formats: str | None, title: bool) -> "lazy.st
     return lazy.style.FigureOptions((named, *others), title)
 
 
-def _rho_of(text: str | None) -> "lazy.theorem.Rho | None":
+def _rho_of(text: str) -> "lazy.theorem.Rho":
     """Return the bound given by --rho.
 
     Raises:
         InputError: The text is not a polynomial with coefficients of at least 0.
     """
-    if text is None:
-        return None
     try:
         return lazy.theorem.as_rho([float(c) for c in text.split(",")])
     except (ValueError, InputError):

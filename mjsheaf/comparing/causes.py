@@ -36,7 +36,7 @@ _LOWER_GAIN = ", or a lower controller.gain"  # advice for laws that have one
 _CHANGE = {
     "inertia": f"a faster autopilot (autopilot.rate){_LOWER_GAIN}",
     "drag_law": "hulls with less quadratic drag, or slower motion",
-    "limits": "stronger thrusters, or slower targets, or a lower controller.velocity_limit",
+    "limits": "stronger thrusters, or slower motion, or a lower controller.velocity_limit",
     "lag": f"faster thrusters{_LOWER_GAIN}",
     "underactuation": "vehicles with thrust along every axis, or slower turns of what they follow",
     "contacts": "more room between vehicles",
@@ -166,7 +166,8 @@ def levers_of(record: CompareRecord, phase: PhaseRecord) -> list[str]:
 def verdict_of(record: CompareRecord) -> list[str]:
     """Compose the sentences of the verdict, the most important first."""
     sentences = _harmful_terms(record)  # they come first, as they explain why a team does not converge
-    causes = ["its error DIVERGES"] if record.rung("all").ending == "diverging" else []
+    also = ", on ideal kinematics too" if record.rung("ideal").ending == "diverging" else ""
+    causes = [f"its error DIVERGES{also}"] if record.rung("all").ending == "diverging" else []
     loop = next((one for one in (record.loop, record.ringing) if one is not None and one.stable is False), None)
     if loop is not None:
         limit = (
@@ -267,7 +268,7 @@ def _cause(
         # What suffices is the largest speed commanded in the second half of the ideal run without a limit, unless it is
         # only on their way there that agents lack speed.
         fix = f"raise velocity_limit to {limit.asked_m_s:.3g} m/s, the maximum speed in the ideal run ({limit.who})"
-        if limit.asked_m_s <= limit.lowest_m_s:
+        if not limit.exceeded:
             fix = "raise velocity_limit, which is too low on the way to q* alone"
         causes.append((saved, least, "the velocity limit", fix))
     if added > _MIN_BODY_FRACTION * budget.all_m:
@@ -305,15 +306,15 @@ def _change_of_law(
     *,
     room_factor: float = 1.05,  # ratio of the usable to the present gain above which raising the gain is advised
 ) -> str:
-    """Advise how to lower the ideal run's error: a higher gain up to the usable one, or slower targets."""
+    """Advise how to lower the ideal run's error: a higher gain up to the usable one, and what concerns targets."""
+    others = ["more sensing agents", "slower targets"] if any(d.role == "targets" for d in record.demands) else []
     if record.gain is None:
-        return f"another law than {record.law}, or slower targets"
+        return " or ".join([f"another law than {record.law}", *others[1:]])
     room = record.usable_gain
-    if room is None:
-        return "a higher controller.gain, more sensing agents, or slower targets"
-    if room > room_factor * record.gain:
-        return f"a higher controller.gain (up to {room:.2g} 1/s), more sensing agents, or slower targets"
-    return f"more sensing agents, or slower targets (a higher gain rings, above {room:.2g} 1/s)"
+    if room is None or room > room_factor * record.gain:
+        upto = "" if room is None else f" (up to {room:.2g} 1/s)"
+        return ", ".join([f"a higher controller.gain{upto}", *others[:1], *(f"or {each}" for each in others[1:])])
+    return f"{' or '.join(others) or 'another law'} (a higher gain rings, above {room:.2g} 1/s)"
 
 
 def _harmful_terms(record: CompareRecord) -> list[str]:

@@ -229,6 +229,7 @@ class VelocityLimitRecord(FiniteRecord):
         description="maximum speed in the second half of the ideal run or phase without a limit; a sufficient limit"
     )
     who: str
+    exceeded: bool = Field(description="there, an agent is asked for more than its own limit; else on the way alone")
     share_at_limit: dict[Literal["ideal", "all"], float] = Field(
         description="fraction of agents and samples at the limit, in the second half of the ideal run or phase, and in "
         "that of the scenario as given"
@@ -334,6 +335,7 @@ def velocity_limit_of(
         highest_m_s=float(limits[limited].max()),
         asked_m_s=float(largest.max()),
         who=system.team.agent_ids[int(largest.argmax())],
+        exceeded=bool((largest > np.where(limited, limits, np.inf).min(axis=0)).any()),
         share_at_limit=share,
     )
 

@@ -116,7 +116,9 @@ class Episode:
         speed = np.array([vehicle.capability.forward_speed for vehicle in vehicles])
         limits = np.where(np.isfinite(limits), limits, speed)
         self.action_limits = np.where(np.isfinite(limits) & (limits > 0.0), limits, DEFAULT_ACTION_LIMIT)
-        each = _thrust_limits(scenario) if action == "thrust" else self._velocity_limits()
+        sizes = zip(self.action_limits, team.agents, strict=True)
+        velocities = [np.outer([-limit, limit], np.ones(agent.dimension)) for limit, agent in sizes]
+        each = _thrust_limits(scenario) if action == "thrust" else velocities
         self.bounds = dict(zip(self.agents, each, strict=True))
         self.dimensions = np.array([limits.shape[1] for limits in each])
         grid = scenario.whole.grid
@@ -198,11 +200,6 @@ class Episode:
         for i in np.flatnonzero(self.present).tolist():
             velocity[i, : self.dimensions[i]] = given[self.agents[i]]
         self.world.add_to_command(velocity)
-
-    def _velocity_limits(self) -> list[Array]:
-        """Return the smallest and largest velocity of each agent, shape (2, n_i), m/s."""
-        sizes = zip(self.action_limits, self.scenario.team.agents, strict=True)
-        return [np.outer([-limit, limit], np.ones(agent.dimension)) for limit, agent in sizes]
 
     def advance(self, steps: int) -> None:
         """Take physics steps, `world.steps_per_sample` in a control period, and a sample at the end of a period.

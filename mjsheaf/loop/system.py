@@ -661,8 +661,14 @@ def phases_of(run: "Scenario | System | Sequence[Phase]") -> tuple[Phase, ...]:
     starts = [phase.start for phase in phases]
     if not phases or starts[0] != 0 or starts != sorted(set(starts)) or starts[-1] > phases[0].system.grid.steps:
         raise InputError(f"phases start at samples {starts}; expected 0 first, then later samples of the run, in order")
+    common = _fixed(phases[0].system)
     for phase in phases[1:]:
-        _require_same_run(phase, phases[0].system)
+        for name, own in _fixed(phase.system).items():
+            if not np.array_equal(own, common[name]) if isinstance(own, np.ndarray) else own != common[name]:
+                raise InputError(
+                    f"the phase from sample {phase.start} has other {name} than the first; expected the same in all "
+                    "phases, which may differ in law, edges, links, motions, medium and effectiveness"
+                )
     return tuple(_after_earlier(phases))
 
 
@@ -677,17 +683,6 @@ def _after_earlier(phases: Sequence[Phase]) -> Iterator[Phase]:
         yield phase if system is phase.system else replace(phase, system=system)
         if phase is not phases[-1]:
             earlier = np.maximum(earlier, system.medium_speeds)
-
-
-def _require_same_run(phase: Phase, first: System) -> None:
-    """Refuse a phase that differs from the first in a part that no phase can change."""
-    common = _fixed(first)
-    for name, own in _fixed(phase.system).items():
-        if not np.array_equal(own, common[name]) if isinstance(own, np.ndarray) else own != common[name]:
-            raise InputError(
-                f"the phase from sample {phase.start} has other {name} than the first; expected the same in all "
-                "phases, which may differ in law, edges, links, motions, medium and effectiveness"
-            )
 
 
 def _fixed(system: System) -> dict[str, Any]:

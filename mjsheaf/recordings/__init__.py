@@ -95,8 +95,8 @@ def read_positions(path: str, selection: Selection | None = None, **fields: Any)
     except Exception as error:  # damaged files raise many kinds of exceptions in their readers
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{name}: cannot be read: {shortened(reason, 200)}") from None
-    if len(rows) > MAX_ROWS:
-        raise InputError(f"{name}: has {len(rows)} positions; expected at most {MAX_ROWS}, so leave some out")
+    if not 0 < len(rows) <= MAX_ROWS:
+        raise InputError(f"{name}: has {len(rows)} positions; expected 1 to {MAX_ROWS}")
     return rows
 
 

@@ -76,6 +76,12 @@ def _in_plane(columns: dict[str, Array], origin: list[float] | None) -> dict[str
     if ((latitude == 0.0) & (longitude == 0.0)).any():
         raise InputError("a position is at 0, 0 degrees, as receivers write without a fix; expected it left out")
     east, north = to_plane(latitude, longitude, (origin[0], origin[1]))
+    nearest = float(np.hypot(east, north).min(initial=np.inf))
+    if _FARTHEST < nearest < np.inf:
+        raise InputError(
+            f"origin: all positions are more than {nearest / 1e3:.0f} km away from {origin[0]:g}, {origin[1]:g}; "
+            f"expected latitude, then longitude, of a place within {_FARTHEST / 1e3:g} km"
+        )
     height = columns.get("up", columns.get("z"))
     return {"east": east, "north": north} | ({} if height is None else {"up": height})
 
@@ -106,6 +112,8 @@ _EXPECTED = (
     "expected a table of numbers with columns t, x, y, and in space z; or east, north, up; or lat, lon, alt; with "
     "units as in 't [s]', 'x [km]'"
 )
+_FARTHEST = 1e6
+"""Distance from the origin, m, beyond which no position of a track is taken to be in the origin's plane."""
 _LATEST_RUN = 1e8
 """Time in s from which on the times of a table are those of a clock, not of a run: three years."""
 _CLOCK = (1e9, 2.2e9)

@@ -114,8 +114,10 @@ class Decorator:
         """Add one frame's balls to the scene and return its lines."""
         communication, one_way, sensing = self._edges[self._film.stage(moment.time)]
         absent = self._film.absent(moment.time)
-        if absent:
-            self._turn_grey(scene, absent)
+        for geom in scene.geoms[: scene.ngeom] if absent else ():  # vehicles of absent agents are grey
+            own = geom.objtype == mujoco.mjtObj.mjOBJ_GEOM.value and 0 <= geom.objid < len(self._owners)
+            if own and self._owners[geom.objid] in absent:
+                geom.matid, geom.rgba = -1, ABSENT
         size = self._unit * view.metres_per_pixel(self._height)  # of a pixel of the reference frame, in m
         # Balls of more than 50 agents shrink, so that they do not cover each other.
         radius = (6.5 if self._film.seas else 10.5) * min(1.0, (50 / max(self._film.agents, 1)) ** 0.5) * size
@@ -172,13 +174,6 @@ class Decorator:
         return Lines.of(
             trail[:-1].reshape(-1, 3), trail[1:].reshape(-1, 3), rgba.reshape(-1, 4), WIDTHS["trail"] * self._unit
         )
-
-    def _turn_grey(self, scene: mujoco.MjvScene, absent: frozenset[int]) -> None:
-        """Paint the vehicles of absent agents grey."""
-        for geom in scene.geoms[: scene.ngeom]:
-            own = geom.objtype == mujoco.mjtObj.mjOBJ_GEOM.value and 0 <= geom.objid < len(self._owners)
-            if own and self._owners[geom.objid] in absent:
-                geom.matid, geom.rgba = -1, ABSENT
 
     def _dashed(self, moment: Moment, sensing: IntArray) -> Lines:
         """Show who sees whom; more than 60 edges are drawn fainter."""

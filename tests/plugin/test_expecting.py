@@ -269,3 +269,7 @@ def test_a_file_that_may_not_be_written_is_refused_before_it_runs(
     assert (code, out) == (2, "")
     assert "tiny.yaml: cannot be written" in told
     assert "copy the scenario" in told
+
+
+def test_a_scenario_that_comes_with_mjsheaf_is_not_rewritten() -> None:
+    assert is_refusal(answer_of("expect", "midpoint", "--update", "--backend", "ideal"), "midpoint: comes with mjsheaf")

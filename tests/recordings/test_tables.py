@@ -176,6 +176,11 @@ def test_a_dialect_is_read(dialect: str, tmp_path: Path) -> None:
         ("t,x,y,east,north\n0,0,0,5,105\n", {}, "columns x and east are both there"),
         ("t,pos_err_x,pos_err_y\n0,0,0\n", {}, "expected a table of numbers"),
         ("t,lat,lon\n0,60,10\n", {"origin": [95, 10]}, r"origin: \(95, 10\) is no place"),
+        (
+            "t,lat,lon\n0,7,43\n",
+            {"origin": [43, 7]},
+            r"origin: all positions are more than \d+ km away from 43, 7; expected latitude, then long",
+        ),
         ("<?xml version='1.0'?>\n<gpx></gpx>\n", {}, "expected a table of numbers"),
         ("t,x,y\n0,1,2\n1,2\n", {}, "line 3: expected a number in each column, not '1,2'"),
     ],
