@@ -18,7 +18,7 @@ from mjsheaf.checking.loop.prediction import DisturbanceRecord, SteadyError
 from mjsheaf.checking.repairs import Augmentation, Rigidity
 from mjsheaf.checking.separation import MOSTLY, SafetyRecord
 from mjsheaf.checking.spectrum import Fragility, RelativeCohomology
-from mjsheaf.checking.theorem.certificate import Assumption
+from mjsheaf.checking.theorem.certificate import FILTERED, Assumption
 from mjsheaf.checking.theorem.targets import TargetsLoop
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.errors import and_more, and_others, listed
@@ -253,8 +253,17 @@ def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) ->
     """Return the problems that the analysis leaves undecided and a trial decides.
 
     These are loops of boats without a linear model, and of slow vehicles over links, if their inertia, delays and
-    losses together give a phase lag at the crossover above `largest`, rad.
+    losses together give a phase lag at the crossover above `largest`, rad; and missions with a safety filter, which may
+    hold agents up on their way.
     """
+    if record.safety is not None:
+        return [
+            Problem(
+                kind="untried",
+                what="the safety filter may hold agents up, and the mission was not tried",
+                why=FILTERED,
+            )
+        ]
     parts: list[PartRecord] = [record, *record.phases]
     for part in parts:
         bodies = part.margins.bodies
@@ -488,18 +497,22 @@ def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
         if not slow:
             continue
         worst = max(slow, key=lambda demand: demand.deficit or 0.0)
-        limit = _round(_SPARE * max(demand.steady or 0.0 for demand in slow))
+        limit = _round(_SPARE * max((demand.steady or 0.0) / demand.heard for demand in slow))
         raised = limited and limit <= min(demand.top_speed for demand in slow)
         changes = {"controller.velocity_limit": limit} if raised else {}
         at_times = sum((demand.steady or 0.0) > demand.largest for demand in alike)
         limiting = "its velocity limit is" if limited else "the top speed of its vehicle is"
+        heard, better = "", ""
+        if worst.heard < 1.0:
+            heard = f", with measurements at {100.0 * worst.heard:.0f} % of the samples"
+            better = ", or links that lose less"
         yield Problem(
             kind="limited" if limited else "slow",
             what=f"{at_times} of {len(part.disturbance.agents)} agents are slower than their places "
             f"({worst.largest:.3g} of {worst.steady:.3g} m/s)",
             why=f"{worst.agent} stays {worst.deficit:.3g} m or more behind: relative to the medium, q* moves at up to "
-            f"{worst.steady:.3g} m/s, and {limiting} {worst.largest:.3g} m/s",
-            fix=describe_changes(changes) or "slow targets, or faster vehicles",
+            f"{worst.steady:.3g} m/s, and {limiting} {worst.limit if limited else worst.top_speed:.3g} m/s{heard}",
+            fix=(describe_changes(changes) or "slow targets, or faster vehicles") + better,
             changes=changes,
         )
 

@@ -278,8 +278,16 @@ def blow_up_of(system: System, loop: Loop, vehicle: int, step: int, controller: 
     return blow_up_message(system, vehicle, detail, time, seen, loop.state.memory, unknown, controller)
 
 
+@inline_jit
+def hold_medium(loop, t):
+    """Bring what the medium holds between samples to the sample at time t, s."""
+    loop = pinned(loop)
+    hold(loop.params.medium, t, 0, loop.params.fleet.bodies.shape[0], loop.state.medium)
+
+
 # Python calls them once for a run or a sample; compiled loops call the functions themselves.
 _run_law = Tiered(run_law, records=True)
+_hold_medium = Tiered(hold_medium, records=True)
 _place_targets = Tiered(place_targets, records=True, numbers=np.inf)
 _record = Tiered(record, records=True, numbers=np.inf)
 
@@ -350,6 +358,13 @@ class ClosedLoop(Engine):
         self._lay_out()
         for name in _MOVING:
             getattr(self._loop.state, name)[:] = getattr(before, name)
+
+    def restore(self, state: Array) -> bool:
+        """Restore a state, as `Engine.restore`, and between samples what the medium holds since the last one."""
+        fits = super().restore(state)
+        if self.steps_taken % self.steps_per_sample > 0:
+            _hold_medium(self._held, self.time)
+        return fits
 
     def loop_in(self, room: Room) -> Loop:
         """Return a copy of the loop in a room: its state, followed by the constants that depend on the seed.
