@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import mjsheaf
-from mjsheaf.checking.theorem.of_run import bound_of_run
 from mjsheaf.loop.system import System
 from mjsheaf.media import varying
 from mjsheaf.scenario import scenario_from_mapping
@@ -118,20 +116,3 @@ def test_the_error_obeys_the_papers_equation(seed: int) -> None:
     size = np.sqrt((u**2).sum(axis=(1, 2)))
     assert (size <= 4.0 * pinv * np.linalg.norm(error, axis=1) * (1 + 1e-9)).all()
     assert size.max() > 0.01
-
-
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
-def test_commands_stay_within_what_the_bound_allows(backend: str) -> None:
-    """|u| <= k1 |H| sup |e|, for bodies the commanded velocity, with Theorem 1's bound on |e|."""
-    scenario = mjsheaf.load_scenario("certified", {"time.end": 4.0})
-    system = scenario.system
-    result = mjsheaf.simulate(scenario, backend)
-    asked = result["command" if backend == "ideal" else "velocity_command"].values
-    command = np.sqrt((np.nan_to_num(asked) ** 2).sum(axis=(1, 2)))
-    largest = system.gain * np.linalg.norm(system.team.dirichlet.H.toarray(), 2)  # g = I: |g^+| = 1
-    assert not system.effectiveness.given.any()
-    assert np.isfinite(result["command"].values).any(axis=2).all()
-    assert (command <= largest * np.linalg.norm(result["tracking_error"].values, axis=1) * (1 + 1e-9)).all()
-    run = bound_of_run(system, result)
-    assert run.applies
-    assert command.max() <= largest * run.at(result["time"].values).max() * (1 + 1e-9)

@@ -191,25 +191,11 @@ def test_laws_in_python_know_what_they_heard() -> None:
 # -- one thing at a time -----------------------------------------------------------------------------------------------
 
 
-def still(links: dict[str, Any], end: float = 100.0, **fields: Any) -> tuple[Scenario, xr.Dataset]:
+def still(links: dict[str, Any], end: float, **fields: Any) -> tuple[Scenario, xr.Dataset]:
     """Two boats that a law in Python leaves at rest: measurements are the same at every sample but for their links."""
     rest = {"targets": [{"id": "T1", "position": [0, 0]}], "controller": {"control_period": H}}
     scenario = two_boats("hull", "hull", time={"end": end}, links={**links, "record": True}, **(rest | fields))
     return scenario, simulate(scenario, "ideal", controller=lambda t, sample: np.zeros((2, 3)))
-
-
-@pytest.mark.slow
-def test_noise_is_white_of_its_deviation_and_the_bias_its_mean() -> None:
-    scenario, data = still({"all": {"noise": 0.3, "bias": 0.7}, "sensing": {"noise": 0.1}})
-    truth = true_measurements(scenario, data)
-    error = data["measurement"].values - truth
-    n, sigma = len(error), np.array([0.3, 0.3, 0.1, 0.1, 0.1, 0.1])
-    assert (np.abs(error.mean(axis=0) - 0.7) < 5 * sigma / np.sqrt(n)).all()
-    assert (np.abs(error.var(axis=0) / sigma**2 - 1) < 5 * np.sqrt(2 / n)).all()
-    unit = (error - 0.7) / sigma
-    both = np.corrcoef(np.hstack([unit[:-1], unit[1:]]).T)  # across numbers, edges, and from sample to sample
-    assert np.abs(both - np.eye(12)).max() < 5 / np.sqrt(n)
-    assert stats.kstest(unit.ravel(), "norm").pvalue > 1e-4
 
 
 def test_normal_numbers() -> None:
@@ -218,46 +204,13 @@ def test_normal_numbers() -> None:
     assert normal_of(2.0**-33) > -LARGEST_NORMAL
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_delay_is_whole_periods_to_the_bit(backend: str) -> None:
-    """Measurements that arrive at n were taken at n - d, on bodies too; before, no agent receives or sends any."""
-    for d in (0, 7):
-        scenario = changing([], links={"record": True, "all": {"delay": d * H}}, controller={"control_period": H})
-        data = simulate(scenario, backend)
-        truth = true_measurements(scenario, data)
-        found = data["measurement"].values
-        assert np.isnan(found[:d]).all()
-        np.testing.assert_allclose(found[d:], truth[: len(truth) - d], rtol=0, atol=1e-13)
-        np.testing.assert_array_equal(data["velocity_command"].values[:d, 0, :2], 0.0)
-    assert (data["delivery"] == 1.0).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("bursts", [0.3, BURSTS, {**BURSTS, "loss_good": 0.0, "loss_bad": 1.0}])
-def test_the_stationary_share_of_losses(bursts: Any) -> None:
-    """From the first sample on; five standard errors, those of a chain whose memory is 1 - to_bad - to_good."""
-    _, data = still({"all": {"loss": bursts}}, end=100.0)
-    lost = data["heard"].values == 0
-    chain = bursts if isinstance(bursts, dict) else {"to_bad": 0, "to_good": 1, "loss_good": 0.3, "loss_bad": 0.3}
-    bad = chain["to_bad"] / (chain["to_bad"] + chain["to_good"])
-    p = bad * chain["loss_bad"] + (1 - bad) * chain["loss_good"]
-    memory = 1 - chain["to_bad"] - chain["to_good"]
-    spread = bad * (1 - bad) * (chain["loss_bad"] - chain["loss_good"]) ** 2
-    variance = p * (1 - p) + 2 * spread * memory / (1 - memory)
-    assert (np.abs(lost.mean(axis=0) - p) < 5 * np.sqrt(variance / len(lost))).all()
-    np.testing.assert_allclose(data["delivery"], 1 - lost.mean(axis=0), rtol=0, atol=1e-12)
-    together = (lost[1:] & lost[:-1]).mean()  # P(lost, then lost again)
-    assert abs(together - (p * p + spread * memory)) < 5 * np.sqrt(variance / lost.size)
-    assert np.corrcoef(lost.T)[0, 1] < 0.1  # edges by themselves
-
-
 def test_beyond_its_range_a_link_is_silent() -> None:
-    """By the distance of bodies in space, whatever the edge compares; the surface has a height."""
+    """By the distance of bodies in space, whatever the edge compares; its limit is within; the surface has a height."""
     pairs = "boat front, boat diver, front diver"
     team = team_of({"boat": [0, 0], "front": [0, 4, 8]}, {"diver": [0, 1]}, pairs, time={"end": 0.05})
     team["anchors"] = [{"agent": "front", "axes": ["z"], "value": [8.0]}]
     for height, distance in ((0.0, np.sqrt(80.0)), (5.0, 5.0)):
-        for far, heard in ((distance - 1e-3, 0), (distance + 1e-3, 2)):
+        for far, heard in ((float(np.nextafter(distance, 0.0)), 0), (float(distance), 2)):
             links = {"communication": {"range": far}, "record": True}
             data = simulate(load_scenario(team | {"links": links, "scene": {"height": height}}), "ideal")
             assert data["heard"].values[0].tolist() == [heard, 2, 2]
@@ -323,16 +276,10 @@ def at_target(law: dict[str, Any], **fields: Any) -> xr.Dataset:
     return simulate(load_scenario(team), "ideal")
 
 
-def test_a_delay_longer_than_the_run_and_a_range_that_is_just_reached() -> None:
-    """Nothing could have arrived, so that no share of it did; the limit of a range is within it."""
-    links = {"all": {"delay": 5.0, "noise": 0.1, "hold": 1.0}}
-    apart = [{"id": "A1", "position": [0, 0]}, {"id": "A2", "position": [3, 4]}]
-    _, data = still(links, end=0.1, agents=apart, formations=[])
+def test_over_a_delay_longer_than_the_run_nothing_could_have_arrived() -> None:
+    _, data = still({"all": {"delay": 5.0, "noise": 0.1, "hold": 1.0}}, end=0.1)
     assert np.isnan(data["delivery"].values).all()
     assert not data["heard"].values.any()
-    for limit, heard in ((5.0, 2), (float(np.nextafter(5.0, 0.0)), 0)):
-        _, data = still({"communication": {"range": limit}}, end=0.05, agents=apart, formations=[])
-        assert (data["heard"].values[:, 0] == heard).all()
 
 
 def test_samples_that_were_never_taken_do_not_arrive() -> None:
@@ -346,7 +293,7 @@ def test_samples_that_were_never_taken_do_not_arrive() -> None:
     assert {n for n, arrives in heard.items() if not arrives} == silent
 
 
-@pytest.mark.parametrize("m", [1, pytest.param(4, marks=pytest.mark.slow), 6])
+@pytest.mark.parametrize("m", [pytest.param(4, marks=pytest.mark.slow), 6])
 def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
     rng = np.random.default_rng(m)
     maps = {"tail": rng.normal(size=(m, 2)).tolist(), "head": rng.normal(size=(m, 2)).tolist()}
@@ -360,18 +307,6 @@ def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
 
 
 # -- the same bits -----------------------------------------------------------------------------------------------------
-
-
-def test_what_is_under_way_survives_a_phase_with_other_edges() -> None:
-    """The remaining edges receive without a gap, with their own random numbers."""
-    links = {"all": {"noise": 0.2, "delay": 0.05, "loss": 0.1}, "record": True}
-    cut = [{"time": 0.2, "cut": ["boat", "front"]}]
-    data, alone = (simulate(changing(events, seed=5, links=links), "ideal") for events in (cut, []))
-    np.testing.assert_array_equal(data["heard"][:, 1:], alone["heard"][:, 1:])
-    assert (data["heard"].values[20:, 0] == 0).all()
-    assert data.sizes["edge"] == 5
-    now, before = (run["measurement"].values[20:25, 2:] for run in (data, alone))  # of the edges that stay
-    np.testing.assert_array_equal(now, before)  # measured before the phase began
 
 
 def test_an_edge_keeps_its_numbers_whatever_else_there_is() -> None:
@@ -558,12 +493,9 @@ def test_the_finest_section_counts_field_by_field() -> None:
     [
         ({"links.all.delay": 0.055}, ["links.all.delay: 0.055", "0.05 or 0.06"]),
         ({"links.sensing.loss": 1.2}, ["links.sensing.loss", "at most 1"]),
-        ({"links.all.loss": -0.1}, ["links.all.loss", "at least 0"]),
         ({"links.all.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["loss.to_bad", "at most 1"]),
-        ({"links.all.loss": {"to_bad": 0.1, "to_good": 0.1, "loss_good": 2}}, ["links.all.loss"]),
         ({"links.all.hold": -1}, ["links.all.hold", "at least 0"]),
         ({"links.all.range": 0}, ["links.all.range", "above 0"]),
-        ({"links.all.noise": -1}, ["links.all.noise"]),
         ({"links.all.lost": 0.1}, ["links.all.lost", "unknown field", "loss"]),
         ({"links.radio": {"loss": 0.1}}, ["links.radio", "communication"]),
         ({"links.all.noise": 0.1, "controller": {"control_period": 0}}, ["controller.control_period is 0", "positive"]),
@@ -572,11 +504,7 @@ def test_the_finest_section_counts_field_by_field() -> None:
         ({"communication.3": {"between": ["A4", "A5"], "delay": 0.005}}, ["communication.3.delay", "0 or 0.01"]),
         ({"links.all.delay": 1e6, "links.all.noise": 1.0}, ["links", "delay lines", "shorter"]),
         ({"links.rounds.delay": 0.055}, ["links.rounds.delay: 0.055", "0.05 or 0.06"]),
-        ({"links.rounds.loss": 1.2}, ["links.rounds.loss", "at most 1"]),
-        ({"links.rounds.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["to_bad", "at most 1"]),
         ({"links.rounds.noise": 0.1}, ["links.rounds.noise", "unknown field"]),
-        ({"links.rounds.range": 5.0}, ["links.rounds.range", "unknown field"]),
-        ({"links.rounds.sensor": {"kind": "exact"}}, ["links.rounds.sensor", "unknown field"]),
         ({"links.rounds.delay": 1e6}, ["links.rounds", "delay lines", "shorter"]),
     ],
 )  # fmt: skip
