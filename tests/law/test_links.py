@@ -23,7 +23,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.law.edges import linked_edges
 from mjsheaf.law.in_python import PerAgent
-from mjsheaf.law.law import carry, look, new_memory
+from mjsheaf.law.law import new_memory
 from mjsheaf.loop.system import Phase
 from mjsheaf.noise import LARGEST_NORMAL, normal_of, stream_of, uniforms
 from mjsheaf.results.store import dataset_bytes
@@ -33,7 +33,7 @@ from mjsheaf.team import Edge
 from mjsheaf.team.links import Exact, Link, LinkModel, Links
 from tests.builders import mixed_scenario, positions_of, team_of, two_boats
 from tests.oracles.law import PaperLaw, disagreement, measurement
-from tests.running import sample_law
+from tests.running import sample_law, walk
 
 Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")
@@ -230,13 +230,9 @@ def test_feedforward_knows_the_velocity_of_a_target_from_two_old_samples(lossy: 
     scenario = tangled(controller=controller, links={"sensing": {"delay": 0.04, **lossy}}, communication=[],
                        sensing=[["boat", "ship"], ["front", "diver"], ["back", "diver"]])  # fmt: skip
     system, rng = scenario.system, np.random.default_rng(3)
-    memory, x = new_memory(system.law, 5), system.initial.copy()
     velocity = np.array([[0.5, -0.4, 1.0], [2.0, 1.0, 0.0]])
     first, count = system.law.edges.first, np.zeros(3)
-    for n in range(80):
-        for _ in range(2):  # a sample may be taken again
-            look(float(n), memory.held, memory.kept)
-            sample_law(system.control, n * H, x, None, memory)
+    for _, x, _, memory in walk(system, 80):
         count += memory.links.heard == 2.0
         for k, target in enumerate((1, 0, 0)):
             found = memory.terms.rate[first[k] : first[k + 1]]
@@ -385,13 +381,8 @@ def test_nothing_from_before_arrives_over_a_link_that_is_back(how: dict[str, Any
     data = simulate(scenario, "ideal", allow_drift=True)
     heard = data["heard"].values[:, data["measuring_edge"].values.tolist().index("sensing back-diver")]
     assert heard.tolist() == [0] * 5 + [2] * 15 + [0] * 8 + [2] * 13
-    memory, now = new_memory(scenario.phases[0].system.law, 5), scenario.phases[0].system
-    for n in range(40):
-        phase = [p.system for p in scenario.phases if p.start <= n][-1]
-        if phase is not now:
-            memory, now = carry(memory, now.law, phase.law, n), phase
-        x = now.initial + n * H * np.array([1.0, 0.5, 0.0])
-        sample_law(now.control, n * H, x, None, memory)
+    for n, x, now, memory in walk(scenario.phases, 40):
+        x += H * np.array([1.0, 0.5, 0.0])
         if n >= 23:
             rows = slice(*now.law.edges.first[len(now.team.communication) + 2 :][:2])
             assert (np.abs(memory.terms.rate[rows]).max() > 0.0) == (n > 28)
@@ -406,15 +397,8 @@ def test_a_term_that_begins_later_changes_nothing_of_what_is_heard() -> None:
     np.testing.assert_array_equal(data["heard"], alone["heard"])
     np.testing.assert_array_equal(data["measurement"][:21], alone["measurement"][:21])
     np.testing.assert_array_equal(data["measurement"].values[:25, -3:], alone["measurement"].values[:25, -3:])
-    (first, second), x = (phase.system for phase in scenario.phases), plain.system.initial.copy()
-    memory, rng = new_memory(first.law, 5), np.random.default_rng(2)
-    velocity, seen = np.array([[0.5, -0.4, 1.0], [2.0, 1.0, 0.0]]), 0
-    for n in range(80):
-        now = first if n < 20 else second
-        memory = carry(memory, first.law, now.law, n) if n == 20 else memory
-        for _ in range(2):
-            look(float(n), memory.held, memory.kept)
-            sample_law(now.control, n * H, x, None, memory)
+    velocity, seen, rng = np.array([[0.5, -0.4, 1.0], [2.0, 1.0, 0.0]]), 0, np.random.default_rng(2)
+    for n, x, now, memory in walk(scenario.phases, 80):
         for k, target in enumerate((1, 0)):
             begin, end = now.law.edges.first[2 + k : 4 + k]
             found = memory.terms.rate[begin:end]
@@ -431,18 +415,13 @@ def test_one_who_comes_back_has_forgotten_where_the_team_goes() -> None:
     """While it is alone it has no v, and none is left when it comes back."""
     law = {"control_period": H, "feedforward": {"rounds": 3, "filter": 1.0}, "newton": {"rounds": 2}}
     scenario = changing([{"time": 0.2, "lose": "boat"}, {"time": 0.3, "join": "boat"}], controller=law, links={})
-    phases = [phase.system for phase in scenario.phases]
-    memory, x, speed = new_memory(phases[0].law, 5), phases[0].initial.copy(), []
-    for n in range(40):
-        now = phases[(n >= 20) + (n >= 30)]
-        if n in (20, 30):
-            memory = carry(memory, phases[(n >= 20) + (n >= 30) - 1].law, now.law, n)
-            assert not memory.terms.v[0].any()
-            assert memory.terms.v[1:].any()
-        sample_law(now.control, n * H, x, None, memory)
-        speed.append(np.abs(memory.terms.v[0]).max())
+    moves, others_move = [], []
+    for _, x, _, memory in walk(scenario.phases, 40):
+        moves.append(bool(memory.terms.v[0].any()))
+        others_move.append(bool(memory.terms.v[1:].any()))
         x[3:] += [0.04, 0.01, 0.0]
-    assert (np.array(speed) > 0.0).tolist() == [False] + [True] * 19 + [False] * 10 + [True] * 10
+    assert moves == [False] + [True] * 19 + [False] * 10 + [True] * 10
+    assert others_move == [False] + [True] * 39
 
 
 def test_one_who_joins_faces_where_it_moves() -> None:

@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.law.law import Memory, carry, evaluate_law, look, new_memory
-from mjsheaf.loop.system import System
+from mjsheaf.law.law import evaluate_law, new_memory
 from mjsheaf.noise import stream_of, uniforms
 from mjsheaf.results.store import dataset_bytes
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, mixed_scenario, team_of
 from tests.law.test_terms import ALL, MOVING, NEWTON, Array, long_team, unlike_team
-from tests.running import sample_law
+from tests.running import walk
 
 BACKENDS = ("ideal", "physics")
 BURSTS = {"kind": "gilbert_elliott", "to_bad": 0.2, "to_good": 0.3, "loss_good": 0.05, "loss_bad": 0.9}
@@ -104,28 +103,7 @@ class Oracle:
         return self.x[term]
 
 
-def wander(scenario: Scenario, T: int, each: Callable[[int, Array, Memory], None], step: float = 0.1) -> Memory:
-    """Sample the law along a random walk of all vehicles, every sample twice."""
-    system, rng = scenario.system, np.random.default_rng(4)
-    memory, x = new_memory(system.law, len(system.initial)), system.initial.copy()
-    dimension = np.array([m.dimension for m in scenario.team.members])
-    for n in range(T):
-        for _ in range(2):
-            look(float(n), memory.held, memory.kept)
-            sample_law(system.control, n * H, x, None, memory)
-        each(n, x, memory)
-        x += rng.normal(0, 1, x.shape) * step * (np.arange(3) < dimension[:, None])
-    return memory
-
-
-LINKS: list[dict[str, Any]] = [
-    {"delay": 0.03, "loss": 0.4},
-    {"loss": 0.3},
-    {"delay": 0.01},
-    {"loss": BURSTS},
-    {"delay": 0.02, "loss": BURSTS},
-    {},
-]
+LINKS = [{"delay": 0.03, "loss": 0.4}, {"loss": 0.3}, {"delay": 0.01}, {"delay": 0.02, "loss": BURSTS}, {}]
 
 
 @pytest.mark.slow(first=True)
@@ -133,18 +111,14 @@ LINKS: list[dict[str, Any]] = [
 def test_rounds_are_what_each_agent_makes_of_what_it_was_sent(link: dict[str, Any]) -> None:
     edges = [{"between": ["boat", "front"], "range": 7.0}, ["front", "back"]]
     scenario = rounds(mixed_scenario(controller={"control_period": H, **BOTH}, communication=edges, seed=8), **link)
-    oracle, begun = Oracle(scenario, 8), []
-
-    def compare(n: int, x: Array, memory: Memory) -> None:
-        found = oracle.sample("newton", n, -memory.residual[:3], x)
-        if n > 0:
-            begun.append(oracle.sample("feedforward", n, memory.terms.right[:3], x))
-        for i, own in enumerate(found):
+    oracle, rng = Oracle(scenario, 8), np.random.default_rng(4)
+    dimension = np.array([m.dimension for m in scenario.team.members])
+    for n, x, _, memory in walk(scenario.system, 60):
+        for i, own in enumerate(oracle.sample("newton", n, -memory.residual[:3], x)):
             np.testing.assert_allclose(memory.terms.delta[i, : len(own)], own, rtol=0, atol=1e-9)
-            if n > 0:
-                np.testing.assert_allclose(memory.terms.v[i, : len(own)], begun[-1][i], rtol=1e-9, atol=1e-7)
-
-    wander(scenario, 60, compare)
+        for i, own in enumerate(oracle.sample("feedforward", n, memory.terms.right[:3], x) if n > 0 else ()):
+            np.testing.assert_allclose(memory.terms.v[i, : len(own)], own, rtol=1e-9, atol=1e-7)
+        x += 0.1 * rng.normal(0, 1, x.shape) * (np.arange(3) < dimension[:, None])
     assert scenario.system.law.terms.rounds.imperfect
 
 
@@ -217,14 +191,7 @@ def test_nothing_from_before_arrives_over_a_restored_link() -> None:
     """Messages in transit when a link is cut are lost, and neighbours' last numbers are those of the present phase."""
     cut = [{"time": 0.1, "cut": ["boat", "front"]}, {"time": 0.13, "restore": ["boat", "front"]}]
     scenario = rounds(mixed_scenario(controller={"control_period": H, **BOTH}, events=cut), delay=0.05)
-    phases = [phase.system for phase in scenario.phases]
-    memory, x = new_memory(phases[0].law, 5), phases[0].initial
-    system: System = phases[0]
-    for n in range(19):
-        now = phases[(n >= 10) + (n >= 13)]
-        if now is not system:
-            memory, system = carry(memory, system.law, now.law, n), now
-        sample_law(system.control, n * H, x, None, memory)
+    for n, _, _, memory in walk(scenario.phases, 19):
         sent = (memory.terms.rounds.arrived[0, 0] > 0.0).tolist()  # of newton, by tails
         stays = n >= 5
         assert sent == ([stays] if 10 <= n < 13 else [stays if n < 10 else n >= 18, stays])
