@@ -57,7 +57,7 @@ def ideal_errors(system: System, *, may_blow_up: bool = False) -> Array:
 def walk(run: Run, steps: int) -> Iterator[tuple[int, Array, System, Memory]]:
     """Sample the law in Python, each sample twice as it may be taken again, across the phases of a run.
 
-    Yields the number of a sample, positions (V, 3), m, that may be moved before the next, the phase's system, and memory.
+    Yields a sample's number, positions (V, 3), m, which may be moved before the next, the phase's system, and memory.
     """
     phases = [Phase(0, run)] if isinstance(run, System) else run
     before = phases[0].system
