@@ -95,6 +95,8 @@ def test_what_is_free_is_told_and_left_at_zero(case: Case) -> None:
     np.testing.assert_allclose(N.T @ N, np.eye(free), atol=1e-12)
     relative = sheaf.relative_sections(boundary)
     np.testing.assert_allclose(N @ N.T, relative @ relative.T, atol=1e-9)
+    np.testing.assert_allclose(relative.T @ relative, np.eye(free), atol=1e-12)
+    np.testing.assert_allclose(spec.delta[:, interior] @ relative, 0.0, atol=1e-12)
 
     x = np.concatenate(list(extension.x.values()))
     root = np.linalg.cholesky(spec.K) if spec.m else spec.K
