@@ -6,7 +6,6 @@ the fourth power of the time between samples; straight tracks, which no curve ma
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,14 +26,10 @@ from mjsheaf.law.paths import (
     reference_bounds,
 )
 from mjsheaf.scenario.slips import slips_of
+from tests.builders import make_fields
 
-SCENARIO: dict[str, Any] = {
-    "time": {"end": 4},
-    "controller": {"gain": 2, "control_period": 0.02},
-    "agents": [{"id": "A1", "position": [0, 0]}],
-    "targets": [{"id": "T1", "position": [2, 0]}],
-    "sensing": [["A1", "T1"]],
-}
+LAW = {"gain": 2, "control_period": 0.02}
+SCENARIO = make_fields({"A1": [0, 0]}, {"T1": [2, 0]}, [["A1", "T1"]], time={"end": 4}, controller=LAW)
 
 
 def circle(step: float) -> np.ndarray:

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 from itertools import combinations
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 import quadprog  # type: ignore[import-not-found]
 import xarray as xr
 
-from mjsheaf import load_scenario, simulate, simulate_many
+from mjsheaf import load_scenario, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.errors import MjsheafError
 from mjsheaf.law.law import new_memory
@@ -395,19 +395,6 @@ def test_a_law_in_python_is_filtered_too() -> None:
     raw = swap()
     run = simulate(load_scenario(raw), backend="ideal", controller=together)
     assert pairs_of(places_of(run)).min() >= 2.0 - 1e-9
-
-
-@pytest.mark.slow
-def test_both_engines_and_the_worlds_of_a_batch_do_the_same() -> None:
-    raw = swap(6, tie_break="right_hand", obstacles=[{"kind": "sphere", "centre": [3.0, 0.5, 5.0], "radius": 0.5}])
-    raw["time"] = {"end": 6.0}
-    raw["spread"] = {"position": 0.3}
-    scenario = load_scenario(raw)
-    one, other = simulate(scenario), simulate(scenario, engine="fused")
-    np.testing.assert_allclose(one["agent_position"], other["agent_position"], atol=1e-9)
-    worlds = simulate_many([scenario, scenario.with_seed(5)], engine="fused")
-    alone = simulate(scenario.with_seed(5), engine="fused")
-    np.testing.assert_array_equal(cast(xr.Dataset, worlds[1])["agent_position"].values, alone["agent_position"].values)
 
 
 @pytest.mark.parametrize(

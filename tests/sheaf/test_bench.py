@@ -1,4 +1,4 @@
-"""The benchmark measures what it prints: tests of its sheaves and figures, not of speed."""
+"""The benchmark measures what it prints: tests of its figures, not of speed."""
 
 import json
 
