@@ -174,7 +174,6 @@ NEWTON = {"controller": {"newton": {"rounds": 2}}}
     ],
 )
 def test_bad_input_is_refused(fields: Any, message: str) -> None:
-    """The error names the field and what is expected."""
     with pytest.raises(InputError, match=message):
         keeping("range", **fields)
 
@@ -349,7 +348,6 @@ def test_directed_teams_refuse_rounds_and_other_edges() -> None:
 
 
 def test_swarms_take_kinds_of_edges() -> None:
-    """Every communication edge of a swarm measures what the swarm says."""
     swarm = {"size": 12, "about": "T", "measures": "range", "directed": True}
     team = make_scenario({"swarm": swarm, "targets": [{"id": "T", "position": [0, 0]}]}).team
     assert {(e.measures, e.directed) for e in team.communication} == {("range", True)}

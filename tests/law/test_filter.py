@@ -37,15 +37,6 @@ def by_quadprog(rows: Array, wanted: Array, dimension: int) -> Array | None:
     return np.array([*u, 0.0][:3])
 
 
-def test_a_command_that_satisfies_all_stays_to_the_bit() -> None:
-    rng = np.random.default_rng(6)
-    for _ in range(500):
-        rows = random_rows(rng, 10, 3)
-        wanted = rng.normal(size=3)
-        rows[:, 3] = np.minimum(rows[:, 3], rows[:, :3] @ wanted)
-        assert nearest(rows, 10, 0.0, *wanted) == (True, *wanted)
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_limit_is_part_of_the_problem_where_a_bound_is_positive(dimension: int) -> None:
     """The result is allowed, and no direction in which it may move brings it nearer: the conditions of a minimum."""
