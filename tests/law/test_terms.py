@@ -502,10 +502,9 @@ def test_free_directions_stay_where_they_are() -> None:
 # -- what agents sense of their targets --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("make", [lambda: load_scenario("paper", {"time.end": 3.0}), mixed_scenario])
-def test_target_velocity_as_measured_is_that_of_the_targets(make: Any) -> None:
+def test_target_velocity_as_measured_is_that_of_the_targets() -> None:
     """B (p(t) - p(t - h)) / h to rounding along a run, in tilted frames too; what targets want to do is not known."""
-    scenario = make()
+    scenario = mixed_scenario()
     path = positions_of(simulate(scenario, "ideal"))
     system = edited(scenario, FEEDFORWARD).system
     raw = edited(scenario, FEEDFORWARD).model_dump(mode="json", exclude_none=True)

@@ -1,5 +1,6 @@
 """Flow files by CF: a file for each attribute and kind of axis, read with the right value or refused in one line."""
 
+import json
 import os
 import re
 import warnings
@@ -22,7 +23,7 @@ from mjsheaf.media.flow_files import propose, read_flow
 from mjsheaf.media.gridded import GriddedFlow, Reading
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import load_scenario, scenario_from_mapping
-from tests.builders import pursuit
+from tests.builders import ONE_BOAT, pursuit
 
 LATITUDE, LONGITUDE = 43.0, 7.0
 U, V = 0.3, -0.1
@@ -851,14 +852,12 @@ def test_paths_out_of_the_directory_and_pipes_are_refused(name: str, tmp_path: P
     current().write(tmp_path / name)
     (tmp_path / "inside").mkdir()
     file = tmp_path / "inside" / "s.yaml"
-    text = (
-        "time: {end: 2}\nagents: [{id: A, position: [0, 0]}]\ntargets: [{id: T, position: [5, 5]}]\nsensing: [[A, T]]\n"
-    )
-    file.write_text(f"{text}flow:\n  water: {{kind: gridded, path: ../{name}, origin: [43, 7]}}\n")
-    with pytest.raises(InputError, match="lies outside"):
-        load_scenario(file)
+    for path, words in ((f"../{name}", "lies outside"), (name, "there is no file")):
+        water = {"kind": "gridded", "path": path, "origin": [43, 7]}
+        file.write_text(json.dumps(ONE_BOAT | {"flow": {"water": water}}))
+        with pytest.raises(InputError, match=words):
+            load_scenario(file)
     os.mkfifo(tmp_path / "inside" / name)
-    file.write_text(f"{text}flow:\n  water: {{kind: gridded, path: {name}, origin: [43, 7]}}\n")
     with pytest.raises(InputError, match="no regular file"):
         load_scenario(file)
     (tmp_path / "inside" / name).unlink()

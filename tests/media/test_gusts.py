@@ -184,23 +184,6 @@ def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: 
         assert np.mean((there - here) ** 2, axis=0) == pytest.approx(expected, rel=0.15)
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
-def test_a_run_goes_on_from_a_state_and_begins_again_to_the_bit(backend: str) -> None:
-    def after(session: mjsheaf.Session, periods: int) -> np.ndarray:
-        for _ in range(periods):
-            session.step()
-        return session.engine.positions()
-
-    with mjsheaf.Session(mjsheaf.load_scenario("open_sea"), backend) as session:
-        after(session, 5)
-        state = session.state
-        end = after(session, 5)
-        session.state = state
-        assert np.array_equal(after(session, 5), end)
-        session.reset()
-        assert np.array_equal(after(session, 10), end)
-
-
 def test_a_frozen_field_that_is_too_long_is_refused() -> None:
     with pytest.raises(InputError, match=r"flow: wind: gusts: frozen: .*nodes.*expected at most"):
         gusty({"frozen": True}, time={"end": 4e5})
