@@ -11,7 +11,7 @@ import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.compile.tiers import Tiered
 from mjsheaf.law.in_python import Controller, Law
-from mjsheaf.law.law import evaluate_law
+from mjsheaf.law.law import Memory, carry, evaluate_law, look, new_memory
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.session import engine_of
 from mjsheaf.loop.system import Phase, System
@@ -52,6 +52,24 @@ def ideal_errors(system: System, *, may_blow_up: bool = False) -> Array:
     assert may_blow_up or run.status == "finished"
     q, p = system.team.split(run.positions)
     return system.team.dirichlet.extend(p) - q
+
+
+def walk(run: Run, steps: int) -> Iterator[tuple[int, Array, System, Memory]]:
+    """Sample the law in Python, each sample twice as it may be taken again, across the phases of a run.
+
+    Yields a sample's number, positions (V, 3), m, which may be moved before the next, the phase's system, and memory.
+    """
+    phases = [Phase(0, run)] if isinstance(run, System) else run
+    before = phases[0].system
+    memory, x = new_memory(before.law, len(before.initial)), before.initial.copy()
+    for n in range(steps):
+        system = [phase.system for phase in phases if phase.start <= n][-1]
+        if system is not before:
+            memory, before = carry(memory, before.law, system.law, n), system
+        for _ in range(2):
+            look(float(n), memory.held, memory.kept)
+            sample_law(system.control, n * system.grid.period, x, None, memory)
+        yield n, x, system, memory
 
 
 def team_error(data: xr.Dataset) -> Array:

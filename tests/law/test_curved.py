@@ -109,16 +109,6 @@ def test_directed_edges_move_their_tails_alone() -> None:
         assert changed[system.team.index[tail]]
 
 
-@pytest.mark.parametrize("measures", ["range", "bearing"])
-def test_vehicles_in_one_place_give_no_nan(measures: str) -> None:
-    """Nothing pulls where there is no direction."""
-    system = keeping(measures).system
-    assert not disagreement(system.law, np.zeros((3, 3))).any()
-    agents = list_members({id: [1.0, 1.0] for id in "ABC"})
-    run = mjsheaf.simulate(keeping(measures, agents=agents), backend="ideal")
-    assert np.isfinite(run.agent_position.values[..., :2]).all()
-
-
 @pytest.mark.long
 def test_noise_is_that_of_the_range_and_of_the_bearing() -> None:
     """Of a range in m along it, of a bearing in degrees across it, to 5 % over 4000 samples."""
@@ -184,7 +174,6 @@ NEWTON = {"controller": {"newton": {"rounds": 2}}}
     ],
 )
 def test_bad_input_is_refused(fields: Any, message: str) -> None:
-    """The error names the field and what is expected."""
     with pytest.raises(InputError, match=message):
         keeping("range", **fields)
 
@@ -233,14 +222,9 @@ def test_feedforward_of_ranges_and_bearings_is_the_velocity_of_q_star(measures: 
 
 
 @pytest.mark.slow(first=True)
-@pytest.mark.parametrize("how", ["in_python", pytest.param("compiled", marks=pytest.mark.long)])
 @pytest.mark.parametrize("measures", ["range", "bearing"])
-def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(
-    measures: str, how: str, request: pytest.FixtureRequest
-) -> None:
+def test_newton_of_ranges_and_bearings_goes_straight_to_q_star(measures: str, in_python: None) -> None:
     """With exact rounds and targets at rest every error falls by 1 - k1 h a period, near q* to first order."""
-    if how == "in_python":
-        request.getfixturevalue(how)
     still = list_members(PLACES_OF_TARGETS)
     scenario = tracking(measures, {"newton": {"rounds": 60}}, offset=(1e-4, -2e-4), targets=still, time={"end": 2.0})
     run = mjsheaf.simulate(scenario, backend="ideal")
@@ -300,16 +284,18 @@ def test_rounds_expect_bearings_at_half_the_distance_of_q_star_whatever_they_wei
 
 
 @pytest.mark.slow(each=True)
-@pytest.mark.parametrize("how", ["in_python", pytest.param("compiled", marks=pytest.mark.long)])
+@pytest.mark.parametrize("terms", [{}, {"newton": {"rounds": 4}, "feedforward": {"rounds": 4}}], ids=["law", "rounds"])
 @pytest.mark.parametrize("measures", ["range", "bearing"])
-def test_rounds_of_agents_in_one_place_are_finite(measures: str, how: str, request: pytest.FixtureRequest) -> None:
+def test_agents_in_one_place_have_finite_commands(measures: str, terms: dict[str, Any], in_python: None) -> None:
     """An edge without a direction counts with M = 0; a third agent pulls the two apart or leaves them there."""
-    if how == "in_python":
-        request.getfixturevalue(how)
-    agents = list_members(PLACES_OF_TRACKERS | {id: [1.0, 1.0] for id in "AB"})
-    terms = {"newton": {"rounds": 4}, "feedforward": {"rounds": 4}}
+    assert not disagreement(keeping(measures).system.law, np.zeros((3, 3))).any()
+    together = {id: [1.0, 1.0] for id in "AB"}
     law = {"gain": 1.0, "control_period": 0.02, **terms}
-    for scenario in (tracking(measures, terms, agents=agents), keeping(measures, agents=agents, controller=law)):
+    for scenario in (
+        tracking(measures, terms, agents=list_members(PLACES_OF_TRACKERS | together)),
+        keeping(measures, agents=list_members(together | {"C": [2.0, 3.0]}), controller=law),
+        keeping(measures, agents=list_members(together | {"C": [1.0, 1.0]}), controller=law),
+    ):
         run = mjsheaf.simulate(scenario, backend="ideal")
         assert np.isfinite(run.velocity_command.values[..., :2]).all()
         assert np.isfinite(run.agent_position.values[..., :2]).all()
@@ -362,7 +348,6 @@ def test_directed_teams_refuse_rounds_and_other_edges() -> None:
 
 
 def test_swarms_take_kinds_of_edges() -> None:
-    """Every communication edge of a swarm measures what the swarm says."""
     swarm = {"size": 12, "about": "T", "measures": "range", "directed": True}
     team = make_scenario({"swarm": swarm, "targets": [{"id": "T", "position": [0, 0]}]}).team
     assert {(e.measures, e.directed) for e in team.communication} == {("range", True)}

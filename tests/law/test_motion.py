@@ -91,31 +91,15 @@ def test_paths_pass_through_their_points_at_mean_speed(case: tuple[Waypoints, Ar
 
 @given(paths(), st.floats(0.01, 0.99))
 def test_velocity_along_a_path_is_the_derivative_of_position(case: tuple[Waypoints, Array, float], s: float) -> None:
+    """At the knots too, on either side: the path is C^1 there (in fact C^4 inside)."""
     target = Target(*case)
     times, _ = knots(*case)
-    t = times[0] + s * (times[-1] - times[0])
     h = 1e-4 * np.diff(times).min()
-    difference = (target.position(t + h) - target.position(t - h)) / (2 * h)
     scale = 1.0 + max(np.abs(target.velocity(u)).max() for u in np.linspace(times[0], times[-1], 50))
-    np.testing.assert_allclose(target.velocity(t), difference, atol=1e-4 * scale)
-
-
-@given(paths())
-def test_position_and_velocity_are_continuous_at_the_knots(case: tuple[Waypoints, Array, float]) -> None:
-    """C^1 (in fact C^4 inside): both sides of a knot agree up to what the motion itself makes of a tiny time."""
-    target = Target(*case)
-    times, _ = knots(*case)
-    gap = 1e-7 * np.diff(times).min()
-    grid = np.linspace(times[0], times[-1], 200)
-    speed = np.array([target.velocity(t) for t in grid])
-    bend = np.abs(np.diff(speed, axis=0)).max() / (grid[1] - grid[0])
-    inner = times if case[0].closed else times[1:-1]
-    for t in inner:
-        before, after = max(t - gap, times[0]), t + gap
-        np.testing.assert_allclose(
-            target.position(after), target.position(before), atol=4 * gap * np.abs(speed).max() + 1e-9
-        )
-        np.testing.assert_allclose(target.velocity(after), target.velocity(before), atol=20 * gap * bend + 1e-8)
+    for t in (times[0] + s * (times[-1] - times[0]), *(times[1:] if case[0].closed else times[1:-1])):
+        difference = (target.position(t + h) - target.position(t - h)) / (2 * h)
+        for side in (t - 1e-3 * h, t, t + 1e-3 * h):
+            np.testing.assert_allclose(target.velocity(side), difference, atol=1e-4 * scale)
 
 
 @given(paths(closed=True), st.floats(0.0, 1.0), st.integers(1, 5))

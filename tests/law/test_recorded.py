@@ -6,7 +6,6 @@ the fourth power of the time between samples; straight tracks, which no curve ma
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from scipy.interpolate import CubicSpline
 import mjsheaf
 from mjsheaf.arrays import Array
 from mjsheaf.errors import MjsheafError
-from mjsheaf.files import read_yaml
 from mjsheaf.law.paths import (
     MAX_DEVIATION,
     Recorded,
@@ -28,14 +26,10 @@ from mjsheaf.law.paths import (
     reference_bounds,
 )
 from mjsheaf.scenario.slips import slips_of
+from tests.builders import make_fields
 
-SCENARIO: dict[str, Any] = {
-    "time": {"end": 4},
-    "controller": {"gain": 2, "control_period": 0.02},
-    "agents": [{"id": "A1", "position": [0, 0]}],
-    "targets": [{"id": "T1", "position": [2, 0]}],
-    "sensing": [["A1", "T1"]],
-}
+LAW = {"gain": 2, "control_period": 0.02}
+SCENARIO = make_fields({"A1": [0, 0]}, {"T1": [2, 0]}, [["A1", "T1"]], time={"end": 4}, controller=LAW)
 
 
 def circle(step: float) -> np.ndarray:
@@ -86,18 +80,6 @@ def test_a_run_follows_a_file_as_it_follows_the_formula(tmp_path: Path) -> None:
     assert errors[0] < 1e-3
     assert errors[0] / errors[1] > 8.0
     assert mjsheaf.check(scenario, trial=False)["ok"]
-
-
-@pytest.mark.slow
-def test_a_run_s_scenario_holds_the_samples(tmp_path: Path) -> None:
-    scenario = mjsheaf.load_scenario(
-        SCENARIO, {"targets.T1.motion": {"kind": "recorded", "samples": circle(0.5)}, "time.end": 0.1}
-    )
-    first = mjsheaf.simulate(scenario, backend="ideal")
-    mjsheaf.save(first, tmp_path / "run", video=False)
-    assert read_yaml(tmp_path / "run" / "scenario.yaml")["targets"][0]["motion"]["kind"] == "recorded"
-    again = mjsheaf.simulate(mjsheaf.load_scenario(tmp_path / "run" / "scenario.yaml"), backend="ideal")
-    assert first.identical(again)
 
 
 @pytest.mark.parametrize(

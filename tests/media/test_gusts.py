@@ -11,7 +11,7 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 import mjsheaf
 from mjsheaf.errors import InputError
 from mjsheaf.media.gusts import FOOT, OUTPUT, Gusts, discretise
-from mjsheaf.media.medium import _lasting, moving_along, pack_parts
+from mjsheaf.media.medium import moving_along
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, mixed_scenario, team_of
 
@@ -184,34 +184,6 @@ def test_a_frozen_field_has_the_correlations_of_theory_along_the_wind(standard: 
         assert np.mean((there - here) ** 2, axis=0) == pytest.approx(expected, rel=0.15)
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
-def test_a_run_goes_on_from_a_state_and_begins_again_to_the_bit(backend: str) -> None:
-    def after(session: mjsheaf.Session, periods: int) -> np.ndarray:
-        for _ in range(periods):
-            session.step()
-        return session.engine.positions()
-
-    with mjsheaf.Session(mjsheaf.load_scenario("open_sea"), backend) as session:
-        after(session, 5)
-        state = session.state
-        end = after(session, 5)
-        session.state = state
-        assert np.array_equal(after(session, 5), end)
-        session.reset()
-        assert np.array_equal(after(session, 10), end)
-
-
-def test_a_medium_may_be_asked_for_after_the_end_of_the_run() -> None:
-    system = gusty({"frozen": True}, controller={"gain": 1.0, "control_period": 0.1}).system
-    assert _lasting(system, 100.0).grid.steps == 1000
-
-
 def test_a_frozen_field_that_is_too_long_is_refused() -> None:
     with pytest.raises(InputError, match=r"flow: wind: gusts: frozen: .*nodes.*expected at most"):
         gusty({"frozen": True}, time={"end": 4e5})
-
-
-def test_a_medium_without_gusts_or_waves_has_no_parts() -> None:
-    system = mixed_scenario().system
-    assert system.moving == ()
-    assert pack_parts([], [], np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.bool_), None) == ()  # type: ignore[arg-type]

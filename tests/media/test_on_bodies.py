@@ -1,7 +1,7 @@
-"""Gusts, frozen gusts, a tide, a ramp, a moving vortex and waves, all at once on bodies, as `medium` returns them.
+"""Gusts, frozen gusts, a tide, a ramp, a moving vortex and waves, all at once on every backend, as `medium` has them.
 
-Each is tried alone on ideal kinematics, next to its formulas. On bodies a loop is compiled for each combination, for
-half a minute, so that there is one of all, which begins, ends and begins again.
+Each is tried alone next to its formulas. A loop is compiled for each combination, for half a minute, so that there is
+one of all, which begins, ends and begins again.
 """
 
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.builders import mixed_scenario
-from tests.media.test_flow_events import assert_met, pieces_of
+from tests.media.test_flow_events import BACKENDS, assert_met, pieces_of
 from tests.media.test_gusts import DRIFT, FIXED
 from tests.media.test_varying import RAMP, TIDE, VORTEX
 from tests.media.test_waves import JONSWAP
@@ -36,8 +36,8 @@ def test_a_run_on_ideal_kinematics_meets_what_medium_returns(frozen: bool) -> No
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("engine", ["mujoco", "fused"])
-def test_a_run_meets_all_that_moves_before_and_after_events(engine: str) -> None:
+@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
+def test_a_run_meets_all_that_moves_before_and_after_events(backend: str, engine: str) -> None:
     changes = [
         {"time": 0.1, "set": {"flow.water.tide.amplitude": 0.3, "flow.air.gusts.wind_speed": 3.0}},
         {"time": 0.2, "set": {"flow.water": None, "flow.air": {"dimension": 3}}},
@@ -45,8 +45,8 @@ def test_a_run_meets_all_that_moves_before_and_after_events(engine: str) -> None
     ]
     scenario = mixed_scenario(flow={"water": WATER, "air": AIR}, time={"end": 0.4}, events=changes)
     assert [len(phase.system.moving) for phase in scenario.phases] == [4, 4, 0, 4]
-    log = pieces_of(scenario.phases, "physics", engine)
-    assert_met(scenario, log, "origin")
+    log = pieces_of(scenario.phases, backend, engine)
+    assert_met(scenario, log, "positions" if backend == "ideal" else "origin")
     assert not log["medium"][20:30].any()
     for part in (slice(0, 20), slice(30, None)):
         assert np.linalg.norm(log["medium"][part], axis=-1).all()

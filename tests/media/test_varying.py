@@ -1,4 +1,4 @@
-"""Tides, ramps and moving vortices against their formulas and bounds; events that set what moves."""
+"""Tides, ramps and moving vortices against their formulas and bounds."""
 
 from typing import Any
 
@@ -10,7 +10,6 @@ from mjsheaf.errors import InputError
 from mjsheaf.media.medium import moving_along
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario
-from tests.media.test_flow_events import assert_met, pieces_of
 
 TIDE = {"amplitude": 0.8, "minor": 0.2, "period": 50.0, "direction": 30.0, "phase": 20.0}
 RAMP = {"velocity": [0.5, -0.3], "start": 2.0, "end": 6.0}
@@ -67,21 +66,3 @@ def test_bounds_are_not_exceeded_and_nearly_attained(fields: dict[str, Any]) -> 
 def test_a_vortex_that_moves_needs_a_core() -> None:
     with pytest.raises(InputError, match="one that moves needs a 'core' radius above 0"):
         mixed_scenario(flow={"water": {"dimension": 2, "core": 0.0, "vortices": [VORTEX]}})
-
-
-@pytest.mark.long
-def test_events_set_what_moves() -> None:
-    """On ideal kinematics; `test_on_bodies` has the others."""
-    changes = [
-        {"time": 0.1, "set": {"flow.water.tide.amplitude": 0.3}},
-        {"time": 0.2, "set": {"flow.air.gusts": {"kind": "dryden", "wind_speed": 9.0}}},
-        {"time": 0.3, "set": {"flow.water.tide": None, "flow.air.gusts.wind_speed": 3.0}},
-    ]
-    flow = {"water": {"dimension": 2, "tide": TIDE}, "air": {"dimension": 3}}
-    scenario = mixed_scenario(flow=flow, time={"end": 0.4}, events=changes)
-    log = pieces_of(scenario.phases, "ideal", "mujoco")
-    assert_met(scenario, log)
-    front = log["medium"][:, scenario.team.index["front"]]
-    assert not front[:20].any()
-    assert front[20:].any(axis=1).all()
-    assert not log["medium"][30:, scenario.team.index["boat"]].any()

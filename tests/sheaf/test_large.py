@@ -159,14 +159,6 @@ def test_vertices_that_nothing_holds_stay_where_they_are(sparse_path: pytest.Mon
     np.testing.assert_array_equal(np.concatenate([extension.x[v] for v in range(1, 20)]), 0.0)
 
 
-def test_sparse_projection_is_the_dense_one(sparse_path: pytest.MonkeyPatch) -> None:
-    large = bundle(20, 3, flat=True)
-    x = np.random.default_rng(3).standard_normal(60)
-    found = large.nearest_global_section(x)
-    sparse_path.undo()
-    np.testing.assert_allclose(found, large.nearest_global_section(x), atol=1e-11)
-
-
 def test_many_edges_on_few_vertices() -> None:
     """A complete graph of 60 vertices: decomposed by columns, whatever the number of rows (5,310 here)."""
     n = 60

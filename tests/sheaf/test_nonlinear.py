@@ -172,7 +172,6 @@ def test_bearings_keep_centroid_and_size(seed: int, scale: float) -> None:
 
 
 def test_positions_alone_are_a_linear_sheaf() -> None:
-    """The extension of edges that compare positions is the harmonic extension of `Sheaf`."""
     rng = np.random.default_rng(3)
     linear, curved = Sheaf({"a": 2, "b": 3, "c": 2}), NonlinearSheaf({"a": 2, "b": 3, "c": 2})
     for tail, head in itertools.combinations("abc", 2):
@@ -217,6 +216,5 @@ def test_coincident_vertices_pull_nothing() -> None:
     ],
 )
 def test_bad_edges_are_refused(fields: Any, message: str) -> None:
-    """The error names the edge and what is expected."""
     with pytest.raises(SheafError, match=message):
         NonlinearSheaf({"a": 2, "b": 2}).add_edge("a", "b", np.eye(2), np.eye(2), **fields)

@@ -49,19 +49,6 @@ def test_a_path_of_twenty_thousand_is_a_straight_line() -> None:
     np.testing.assert_allclose(np.concatenate(list(extension.x.values())), np.linspace(0.0, 1.0, n), atol=1e-9)
 
 
-def test_a_grid_without_boundary_is_solved_with_minimum_norm() -> None:
-    """Over DIRECT_WORK and singular: conjugate gradients, with a description of the free directions."""
-    sheaf, frames = bundle_on_a_grid(80)
-    rng = np.random.default_rng(3)
-    problem = sheaf.dirichlet_problem([])
-    assert type(problem.solver) is solvers.ConjugateGradients
-    assert problem.null_basis.shape == (19_200, 3)
-    r = sheaf.laplacian() @ rng.standard_normal(19_200)
-    x = problem.solve(r)
-    np.testing.assert_allclose(sheaf.laplacian() @ x, r, atol=1e-8)
-    np.testing.assert_allclose(frames.transpose(0, 2, 1).reshape(-1, 3).T @ x, 0.0, atol=1e-8)
-
-
 def test_what_does_not_converge_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solvers, "MOST_ITERATIONS", 5)
     sheaf, _ = bundle_on_a_grid(80)
