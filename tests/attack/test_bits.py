@@ -34,7 +34,7 @@ Found = tuple[dict[str, list[float]], str]
 
 
 def found(check: str = CHECKED, **environment: str) -> Found:
-    done = python(CODE + check + PRINTED, **environment)
+    done = python(CODE + check + PRINTED, None, **environment)
     data, check = json.loads(done.stdout.splitlines()[-1])
     return data, check
 
