@@ -86,11 +86,6 @@ class TestDecoration:
         for vehicle in samples_of(film).positions[-1]:
             assert np.linalg.norm(ends[:, 1] - vehicle, axis=1).min() < 0.01
 
-    def test_a_trail_longer_than_the_run_shows_all_of_it(self) -> None:
-        film = make_film(make_model(), edges=[], surface="none")
-        _, lines = decorate(film, VideoOptions(trail=1e6), 2.0)
-        assert count(lines) > 5 * 40  # not one straight line for each of five vehicles
-
     def test_trails_of_a_crowd_stay_affordable(self) -> None:
         film = make_film(make_model())
         crowd = crowded(film, 3, 997)
@@ -133,25 +128,19 @@ class TestDecoration:
             np.testing.assert_allclose(ball.pos, goal, atol=1e-5)
             np.testing.assert_allclose(ball.rgba[:3], film.colours[group], atol=1e-6)
 
-    def test_only_what_is_off_the_surface_gets_a_stem(self) -> None:
+    def test_only_what_is_off_the_surface_gets_a_stem_that_ends_there(self) -> None:
         film = make_film(make_model(), edges=[])
+        places = samples_of(film).positions + np.array([0.0, 0.0, 30.0])
+        film = change_film(film, positions=places, harmonic_extension=places[:, :3], surface_height=30.0)
         options = VideoOptions(trail=0)
-        with_surface, without = (
+        (feet, lines), (bare, without) = (
             decorate(replace(film, surface=surface), options, 0.0) for surface in ("water", "none")
         )
-        assert len(with_surface[0]) - len(without[0]) == 2  # two targets below the water, each a foot
-        assert count(with_surface[1]) - count(without[1]) == 2  # and a line
-
-    def test_stems_end_at_the_surface_wherever_it_is(self) -> None:
-        film = make_film(make_model(), edges=[])
-        film = change_film(film, positions=samples_of(film).positions + np.array([0.0, 0.0, 30.0]), surface_height=30.0)
-        feet, lines = decorate(
-            change_film(film, harmonic_extension=samples_of(film).positions[:, :3]), VideoOptions(trail=0), 0.0
-        )
-        for target in samples_of(film).positions[0, 3:]:
+        assert len(feet) - len(bare) == count(lines) - count(without) == 2  # of the targets, which are below
+        ends = np.concatenate([batch.ends for batch in lines])
+        for target in places[0, 3:]:
             wanted = [*target[:2], 30.0]
             assert min(np.abs(foot.pos - wanted).max() for foot in feet) < 1e-5
-            ends = np.concatenate([batch.ends for batch in lines])
             assert np.abs(ends - [target, wanted]).max(axis=(1, 2)).min() < 1e-4
 
 
