@@ -88,13 +88,9 @@ def test_the_picture_is_well_filled() -> None:
     time = np.arange(0, 12, 0.05)
     points = formation(time)
     frames, path = follow(time, points)
-    heights, widths = [], []
-    for number, now in enumerate(frames):
-        pixels, _ = path[number].project(points[np.argmin(abs(time - now))], WIDTH, HEIGHT)
-        span = np.ptp(pixels, axis=0)
-        widths.append(span[0] / WIDTH)
-        heights.append(span[1] / HEIGHT)
-    assert max(np.median(widths), np.median(heights)) > 0.5
+    pairs = zip(path, at_times(frames, time, points), strict=True)
+    spans = [np.ptp(view.project(places, WIDTH, HEIGHT)[0], axis=0) / [WIDTH, HEIGHT] for view, places in pairs]
+    assert np.median(spans, axis=0).max() > 0.5
 
 
 def test_camera_moves_slowly_even_while_agents_jump() -> None:

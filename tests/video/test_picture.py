@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mjsheaf.show.played import Stage
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.overlay import Overlay, font, shorten
@@ -38,21 +37,16 @@ def count(lines: list[Lines]) -> int:
 def crowded(film: Film, agents: int, targets: int) -> Film:
     """The five vehicles of a run, repeated."""
     run, every = samples_of(film), np.arange(agents + targets) % film.vehicles
-    return replace(
+    of_run = {name: getattr(run, name)[:, every] for name in ("positions", "quaternions")}
+    of_film = {name: getattr(film, name)[every] for name in ("qpos_address", "body_id", "group", "scales")}
+    return change_film(
         film,
         agent_ids=[f"A{k}" for k in range(agents)],
         target_ids=[f"T{k}" for k in range(targets)],
-        run=replace(
-            run,
-            positions=run.positions[:, every],
-            quaternions=run.quaternions[:, every],
-            harmonic_extension=np.zeros((len(run.time), agents, 3)),
-        ),
-        qpos_address=film.qpos_address[every],
-        body_id=film.body_id[every],
-        group=film.group[every],
-        scales=np.ones(agents + targets),
-        stages=[Stage(0.0, [])],
+        harmonic_extension=np.zeros((len(run.time), agents, 3)),
+        edges=[],
+        **of_run,
+        **of_film,
     )
 
 
