@@ -18,7 +18,7 @@ from mjsheaf.page.page import Ghost
 from mjsheaf.scenario import load_scenario
 from mjsheaf.show.played import seas_of
 from mjsheaf.video.film import film_of
-from tests.builders import known
+from tests.builders import known, team_of
 from tests.page.browser import missing, open_page
 from tests.page.pages import Made, make_page, positions_of, said_in
 from tests.page.test_page import HOSTILE
@@ -359,17 +359,17 @@ def test_an_event_is_named_only_where_the_place_jumped(
 ) -> None:
     """The finding: "soon after lose O2" hinted at a cause that `check` refutes. A jump of q* is measured."""
     motion = {"kind": "lissajous", "amplitude": [8, 6], "rate": [0.3, 0.2], "phase": [0, 1]}
-    raw: Any = {
-        "name": "events",
-        "time": {"end": 20},
-        "controller": {"gain": 0.6, "control_period": 0.05},
-        "agents": [{"id": f"A{k}", "position": [3 * k, 6 * (k == 3)]} for k in (1, 2, 3)],
-        "targets": [{"id": "T1", "position": [0, 0], "motion": motion}, {"id": "T2", "position": [20, 0]}],
-        "sensing": [["A1", "T1"], ["A2", "T2"]],
-        "communication": [["A1", "A2"], ["A2", "A3"], ["A1", "A3"]],
-        "events": [{"time": 15.0, **event}],
-    }
-    made = make_page(raw, "ideal")
+    made = make_page(
+        team_of(
+            {"A1": [3, 0], "A2": [6, 0], "A3": [9, 6]},
+            {"T1": {"position": [0, 0], "motion": motion}, "T2": [20, 0]},
+            "A1 T1, A2 T2, A1 A2, A2 A3, A1 A3",
+            time={"end": 20},
+            controller={"gain": 0.6, "control_period": 0.05},
+            events=[{"time": 15.0, **event}],
+        ),
+        "ideal",
+    )
     q_star = np.nan_to_num(made.dataset["harmonic_extension"].values[[299, 300], 2])
     assert bool(np.linalg.norm(q_star[1] - q_star[0]) > 5.0) is jumps
     page = open_page(browser, made.write(tmp_path / "report.html"), width=1300)
