@@ -25,13 +25,6 @@ def model() -> mujoco.MjModel:
     return make_model()
 
 
-def decoded(path: Path) -> list[np.ndarray]:
-    """Return the frames of a file, which is of the size and rate of SMALL."""
-    reader: Iterator[Any] = imageio_ffmpeg.read_frames(path)
-    require(next(reader), {"size": (SMALL.width, SMALL.height), "fps": SMALL.fps})
-    return [np.frombuffer(frame, np.uint8).reshape(SMALL.height, SMALL.width, 3).astype(int) for frame in reader]
-
-
 @drawing
 class TestVideo:
     def test_end_to_end(self, model: mujoco.MjModel, tmp_path: Path) -> None:
@@ -39,7 +32,9 @@ class TestVideo:
         count = draw_video([(film, model)], path, SMALL, lambda *step: done.append(step))
         assert count == 21
         assert done == [(number + 1, 21) for number in range(21)]
-        frames = decoded(path)
+        reader: Iterator[Any] = imageio_ffmpeg.read_frames(path)
+        require(next(reader), {"size": (SMALL.width, SMALL.height), "fps": SMALL.fps})
+        frames = [np.frombuffer(frame, np.uint8).astype(int) for frame in reader]
         assert len(frames) == 21
         assert all(frame.std() > 10 for frame in frames)
         assert np.abs(frames[0] - frames[10]).max() > 50
