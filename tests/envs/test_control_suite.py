@@ -299,9 +299,7 @@ def test_functions_stay_functions_after_every_import() -> None:
     for module in pkgutil.iter_modules(envs.__path__):
         assert module.name not in envs.__all__
         importlib.import_module(f"mjsheaf.envs.{module.name}")
-    for _ in range(2):
-        env = mjsheaf.envs.dm_env(mixed_scenario(time={"end": 0.05}))
-        assert env.reset().first()
+    assert mjsheaf.envs.dm_env is dm_env
 
 
 @pytest.mark.slow

@@ -404,9 +404,6 @@ def test_a_run_of_one_agent_and_of_a_thousand(
     made = make_page(name, backend, {"time.end": 2, **size})
     page = open_page(browser, made.write(tmp_path / "report.html"), width=1280, height=720, hash="#t=1")
     assert len(colours_of(page)) > (200 if size else 50)
-    found = np.array(page.evaluate(AT, 1.5)).reshape(-1, 3)
-    there = positions_of(made.dataset)[int(np.searchsorted(made.dataset["time"].values, 1.5 - 1e-9))]
-    assert np.abs(found - there).max() < said_in(made.page)["largest_error"] + 1e-4
     page.keyboard.press("w")
     assert page.locator("#card .name").inner_text() in made.scenario.team.agent_ids
     require_quiet(page)

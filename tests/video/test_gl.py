@@ -63,14 +63,6 @@ def test_none_works(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "\n" not in reason
 
 
-@pytest.mark.parametrize("value", ["nonsense", "off"])
-def test_value_that_names_no_backend(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
-    monkeypatch.setenv("MUJOCO_GL", value)
-    backend, reason = available_backend()
-    assert backend is None
-    assert f"MUJOCO_GL={value}" in reason
-
-
 @pytest.mark.parametrize(
     ("script", "reason"),
     [
