@@ -259,46 +259,33 @@ def random_scenario(seed: int) -> dict[str, Any]:
 
     field = int(rng.integers(2, 4))
 
-    def kernels(count: int) -> list[dict[str, Any]]:
-        return [{"centre": rng.uniform(-6, 6, field).tolist()} for _ in range(count)]
+    def kernels(most: int) -> list[dict[str, Any]]:
+        return [{"centre": rng.uniform(-6, 6, field).tolist()} for _ in range(int(rng.integers(0, most + 1)))]
 
+    def axis() -> dict[str, Any]:
+        return {"axis": rng.standard_normal(3).tolist()} if field == 3 else {}
+
+    shape = {"beta": 0.5, "width": 4.0, "length": 8.0}
     flow = {
         "dimension": field,
         "core": float(rng.uniform(2, 5)),
         "drift": rng.uniform(-0.4, 0.4, field).tolist(),
-        "sources": [{**k, "alpha": float(rng.uniform(-2, 2))} for k in kernels(int(rng.integers(0, 3)))],
-        "vortices": [
-            {
-                **k,
-                "gamma": float(rng.uniform(-2, 2)),
-                **({"axis": rng.standard_normal(3).tolist()} if field == 3 else {}),
-            }
-            for k in kernels(int(rng.integers(0, 3)))
-        ],
-        "channels": [
-            {**k, "direction": rng.standard_normal(field).tolist(), "beta": 0.5, "width": 4.0, "length": 8.0}
-            for k in kernels(int(rng.integers(0, 2)))
-        ],
+        "sources": [{**k, "alpha": float(rng.uniform(-2, 2))} for k in kernels(2)],
+        "vortices": [{**k, "gamma": float(rng.uniform(-2, 2)), **axis()} for k in kernels(2)],
+        "channels": [{**k, "direction": rng.standard_normal(field).tolist(), **shape} for k in kernels(1)],
     }
+
+    def place(name: str) -> dict[str, Any]:
+        return {"id": name, "position": rng.uniform(-5, 5, dimension[name]).tolist()}
+
+    def frame() -> dict[str, float]:
+        return {"roll": 10.0, "pitch": -20.0, "yaw": float(rng.uniform(-180, 180))}
+
     return {
         "name": f"random{seed}",
         "seed": seed,
-        "agents": [
-            {
-                "id": a,
-                "position": rng.uniform(-5, 5, dimension[a]).tolist(),
-                "frame": {"roll": 10.0, "pitch": -20.0, "yaw": float(rng.uniform(-180, 180))},
-            }
-            for a in agents
-        ],
-        "targets": [
-            {
-                "id": t,
-                "position": rng.uniform(-5, 5, dimension[t]).tolist(),
-                "motion": motion(dimension[t]),
-            }
-            for t in targets
-        ],
+        "agents": [{**place(a), "frame": frame()} for a in agents],
+        "targets": [{**place(t), "motion": motion(dimension[t])} for t in targets],
         "communication": tree + more,
         "sensing": sensing,
         # A planar target leaves spatial agents free along z: anchor every spatial agent.

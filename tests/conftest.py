@@ -7,7 +7,6 @@ import os
 import pickle
 import re
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -125,17 +124,10 @@ def browser(running_browser: Any) -> Iterator[Any]:
 @pytest.fixture(scope="session")
 def mjsheaf() -> Callable[..., subprocess.CompletedProcess[str]]:
     """Run the command line in a process of its own."""
+    from tests.commands import command_line
 
-    def run(*arguments: str | Path, cwd: Path | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "mjsheaf", *map(str, arguments)],
-            cwd=cwd,
-            env={**os.environ, **environment},
-            capture_output=True,
-            text=True,
-            timeout=280,
-            check=False,
-        )
+    def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(command_line(*arguments), capture_output=True, text=True, timeout=280, check=False)
 
     return run
 

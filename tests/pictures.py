@@ -64,15 +64,11 @@ def in_other_panels(figure: Figure) -> list[str]:
     return found
 
 
-def nameless(figure: Figure) -> list[str]:
-    """Rows of the figure's legends that say nothing."""
-    return ["" for legend in figure.legends for text in legend.get_texts() if not text.get_text().strip()]
-
-
 def is_legible(figure: Figure) -> bool:
     """No text over text, none outside, none in the panel of another, no nameless row; a failure says which."""
     texts = written(figure)
     faults = {"overlap": overlaps(texts), "outside": outside(figure, texts), "in other panels": in_other_panels(figure)}
-    faults["nameless"] = nameless(figure)
+    rows = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    faults["nameless"] = [row for row in rows if not row.strip()]
     assert not any(faults.values()), faults
     return True

@@ -21,7 +21,6 @@ WRONG: dict[str, tuple[Callable[[], Any], tuple[object, ...]]] = {
     "scenario None": (lambda: mjsheaf.simulate(None), ("scenario is None", "mjsheaf.load_scenario")),  # type: ignore[arg-type]
     "scenario by name": (lambda: mjsheaf.simulate("paper"), ("scenario is 'paper' (str)",)),  # type: ignore[arg-type]
     "backend": (lambda: mjsheaf.simulate(scenario(), 3), ("backend", 3, "physics, ideal")),  # type: ignore[arg-type]
-    "backend list": (lambda: mjsheaf.simulate(scenario(), ["ideal"]), ("backend", "ideal")),  # type: ignore[arg-type]
     "engine": (lambda: mjsheaf.simulate(scenario(), engine=None), ("engine", None, "mujoco, fused")),  # type: ignore[arg-type]
     "threads": (lambda: mjsheaf.simulate(scenario(), threads="2"), ("threads is '2' (str)", 1)),  # type: ignore[arg-type]
     "threads 0": (lambda: mjsheaf.simulate(scenario(), threads=0), ("threads is 0", 1)),
@@ -30,7 +29,6 @@ WRONG: dict[str, tuple[Callable[[], Any], tuple[object, ...]]] = {
     "progress": (lambda: mjsheaf.simulate(scenario(), progress=3), ("progress is 3",)),  # type: ignore[arg-type]
     "many None": (lambda: mjsheaf.simulate_many(None), ("scenarios", "NoneType", "list of Scenarios")),  # type: ignore[arg-type]
     "many of one": (lambda: mjsheaf.simulate_many(scenario()), ("scenarios", "list of Scenarios")),
-    "many names": (lambda: mjsheaf.simulate_many(["paper"]), ("scenarios", "str")),  # type: ignore[list-item]
     "workers": (lambda: mjsheaf.simulate_many([scenario()], workers="2"), ("workers is '2' (str)", 1)),  # type: ignore[arg-type]
     "workers of a study": (lambda: local_workers("2").__enter__(), ("workers is '2' (str)", 1)),  # type: ignore[arg-type]
     "many progress": (lambda: mjsheaf.simulate_many([scenario()], progress="no"), ("progress is 'no' (str)",)),  # type: ignore[arg-type]
@@ -44,11 +42,9 @@ WRONG: dict[str, tuple[Callable[[], Any], tuple[object, ...]]] = {
     "check rho": (lambda: mjsheaf.check(scenario(), rho="x", trial=False), ("rho",)),  # type: ignore[arg-type]
     "source": (lambda: mjsheaf.load_scenario(3), ("int", "mapping")),  # type: ignore[arg-type]
     "overrides": (lambda: mjsheaf.load_scenario("paper", 3), ("overrides is 3 (int)", "field paths")),  # type: ignore[arg-type]
-    "overrides list": (lambda: mjsheaf.load_scenario("paper", ["a=3"]), ("overrides", "field paths")),  # type: ignore[arg-type]
     "overrides key": (lambda: mjsheaf.load_scenario("paper", {3: 3}), ("a key of overrides is 3 (int)",)),  # type: ignore[dict-item]
     "seed": (lambda: scenario().with_seed("x"), ("seed is 'x' (str)",)),
     "World None": (lambda: mjsheaf.World(None), ("scenario is None",)),
-    "World name": (lambda: mjsheaf.World("paper"), ("scenario is 'paper' (str)",)),
     "steps": (lambda: mjsheaf.World(scenario()).step("2"), ("n is '2' (str)", 0)),  # type: ignore[arg-type]
     "save": (lambda: mjsheaf.save(None, "x"), ("result is None", "mjsheaf.simulate")),  # type: ignore[arg-type]
     "vehicle": (lambda: mjsheaf.load_vehicle(3), ("source is 3 (int)",)),  # type: ignore[arg-type]

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import pytest
 
 from tests.builders import REPOSITORY
+from tests.strategies import long
 
 EXAMPLES = REPOSITORY / "examples"
 QUICK = ("01_sheaf.py", "02_own_scenario.py", "05_own_law.py")
@@ -21,11 +22,7 @@ def _without_a_display(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(path.name, marks=[] if path.name in QUICK else [pytest.mark.long])
-        for path in sorted(EXAMPLES.glob("*.py"))
-    ],
+    "name", [*QUICK, *(long(p.name) for p in sorted(EXAMPLES.glob("*.py")) if p.name not in QUICK)]
 )
 def test_example_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     if "estimator" in name:
@@ -33,10 +30,6 @@ def test_example_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     runpy.run_path(str(EXAMPLES / name), run_name="__main__")
     plt.close("all")
     assert capsys.readouterr().out or name == "09_plots.py"
-
-
-def test_there_are_enough() -> None:
-    assert len(list(EXAMPLES.glob("*.py"))) >= 13
 
 
 @pytest.mark.slow

@@ -8,14 +8,14 @@ import pty
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from numba.core import event
 
 import mjsheaf
 from mjsheaf import progress
+from tests.builders import known
 from tests.cli.test_progress import Screen
 from tests.commands import wait_until
 
@@ -29,50 +29,28 @@ def law(t, sample):
     return np.zeros((1, 3))
 scenario = mjsheaf.load_scenario("midpoint", {"time.end": 0.8})
 print("begun", flush=True)
-begun = time.monotonic()
-for call in CALLS:
-    exec(call)
+mjsheaf.simulate(scenario, "ideal", controller=law)
 """
-
-
-def seen_by_a_terminal(calls: list[str]) -> tuple[str, float]:
-    """Return the output on stderr, and the time after the start of the work, s; infinite if there is none."""
-    ours, theirs = pty.openpty()
-    code = SLOW.replace("CALLS", repr(calls))
-    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
-    process = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=theirs, env=environment, text=True
-    )
-    os.close(theirs)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "begun\n"
-    begun = time.monotonic()
-    first = np.inf
-    received = b""
-    while True:
-        try:
-            data = os.read(ours, 65536)
-        except OSError:  # the other end is closed
-            break
-        if not data:
-            break
-        first = min(first, time.monotonic() - begun)
-        received += data
-    os.close(ours)
-    assert process.wait() == 0
-    return received.decode(), first
 
 
 @pytest.mark.long
 def test_a_terminal_has_a_bar_within_a_second() -> None:
-    text, after = seen_by_a_terminal(["mjsheaf.simulate(scenario, 'ideal', controller=law)"])
-    assert "simulating" in text
-    assert after < 1.5  # a second, and what a busy machine takes to start a thread
-
-
-@pytest.mark.long
-def test_it_can_be_turned_off() -> None:
-    assert seen_by_a_terminal(["mjsheaf.simulate(scenario, 'ideal', controller=law, progress=False)"])[0] == ""
+    ours, theirs = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW], stdout=subprocess.PIPE, stderr=theirs, env=environment, text=True
+    )
+    os.close(theirs)
+    assert known(process.stdout).readline() == "begun\n"
+    begun = time.monotonic()
+    received = os.read(ours, 65536)
+    assert time.monotonic() - begun < 1.5  # a second, and what a busy machine takes to start a thread
+    with suppress(OSError):  # the other end is closed
+        while True:
+            received += os.read(ours, 65536)
+    os.close(ours)
+    assert process.wait() == 0
+    assert b"simulating" in received
 
 
 def test_nothing_is_shown_where_there_is_no_terminal(capfd: pytest.CaptureFixture[str]) -> None:
@@ -116,17 +94,6 @@ def test_a_notebook_has_a_bar_that_goes_away(notebook: Handle) -> None:
     assert notebook.shown[-1]["text/html"] == ""
 
 
-def test_it_says_that_loops_are_compiled(notebook: Handle) -> None:
-    data = {"dispatcher": SimpleNamespace(py_func=wait_for)}
-    with progress.shown(True, "working") as bar:
-        event.start_event("numba:compile", data=data)
-        wait_for(notebook, "compiling the loops for this machine")
-        event.end_event("numba:compile", data=data)
-        assert bar is not None
-        bar("working", 1, 2)
-        wait_for(notebook, "working")
-
-
 def test_what_is_shorter_than_the_delay_shows_nothing(notebook: Handle, monkeypatch: pytest.MonkeyPatch) -> None:
     assert progress.DELAY < 1.0
     monkeypatch.setattr(progress, "DELAY", 60.0)  # of a machine that may be busy
@@ -143,12 +110,14 @@ def test_runs_side_by_side_have_one_bar(notebook: Handle, monkeypatch: pytest.Mo
     assert not any("simulating" in data["text/html"] for data in notebook.shown)
 
 
-def test_a_function_is_called_instead(notebook: Handle) -> None:
+def test_a_function_is_called_instead_or_nothing(notebook: Handle, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "DELAY", 0.0)
     said: list[tuple[int, int]] = []
     scenario = mjsheaf.load_scenario("midpoint", {"time.end": 0.1})
     mjsheaf.simulate(scenario, "ideal", progress=lambda done, total: said.append((done, total)))
     assert said[-1][0] == said[-1][1] > 0
-    mjsheaf.simulate(scenario, "ideal", progress=None)
+    for nothing in (None, False):
+        mjsheaf.simulate(scenario, "ideal", progress=nothing)
     assert notebook.shown == []
 
 

@@ -140,6 +140,14 @@ def in_python(outer: Outer) -> float:
     return float(total if inner.flag and not outer.other else -total)
 
 
+def outer_of(flag: bool, other: bool, whole: int, number: int) -> Outer:
+    kinds = np.zeros(3, np.dtype([("code", "i4"), ("weight", "f8")], align=True))
+    kinds["weight"] = 1.0, number, 3.0
+    grid, small = np.arange(12.0).reshape(3, 4) + number, np.array([1, -2, 3], dtype=np.int8)
+    inner = Inner(flag, grid, (whole, float(number)), (), as_records(kinds), small)
+    return Outer(float(number), other, inner, (inner,), whole)
+
+
 WAYS: dict[str, Callable[[Outer], Any]] = {
     "by value": by_value,
     "pinned": by_address,
@@ -150,17 +158,8 @@ WAYS: dict[str, Callable[[Outer], Any]] = {
 @pytest.mark.parametrize("way", WAYS)
 @given(st.booleans(), st.booleans(), st.integers(-5, 5), st.integers(-9, 9))
 def test_a_tuple_by_its_address_is_the_tuple(way: str, flag: bool, other: bool, whole: int, number: int) -> None:
-    kinds = np.zeros(3, np.dtype([("code", "i4"), ("weight", "f8")], align=True))
-    kinds["weight"] = 1.0, number, 3.0
-    inner = Inner(
-        flag,
-        np.arange(12.0).reshape(3, 4) + number,
-        (whole, float(number)),
-        (),
-        as_records(kinds),
-        np.array([1, -2, 3], dtype=np.int8),
-    )
-    outer = Outer(float(number), other, inner, (inner,), whole)
+    outer = outer_of(flag, other, whole, number)
+    inner = outer.inner
     expected = in_python(outer)
     inner.grid[0, 0] -= 1.0
     assert WAYS[way](outer) == expected
@@ -168,10 +167,8 @@ def test_a_tuple_by_its_address_is_the_tuple(way: str, flag: bool, other: bool, 
 
 
 def test_a_held_tuple_is_read_anew_at_each_call() -> None:
-    inner = Inner(
-        True, np.ones((3, 4)), (1, 2.0), (), as_records(np.zeros(3, np.dtype([("weight", "f8")]))), np.ones(3, np.int8)
-    )
-    kept = held(Outer(1.0, False, inner, (inner,), 0))
+    outer = outer_of(True, False, 1, 2)
+    kept = held(outer)
     first = by_address(kept)
-    inner.grid[1, 2] += 5.0
-    assert by_address(kept) == first + 5.0
+    outer.inner.grid[1, 2] += 5.0
+    assert by_address(kept) == first + 2.0 * 5.0

@@ -6,14 +6,13 @@ Oracle: the run in the process of the tests.
 
 import hashlib
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+
+from tests.commands import python
 
 CODE = """
 import hashlib, json, mjsheaf, numpy as np
@@ -35,8 +34,7 @@ Found = tuple[dict[str, list[float]], str]
 
 
 def found(check: str = CHECKED, **environment: str) -> Found:
-    code, env = CODE + check + PRINTED, {**os.environ, **environment}
-    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    done = python(CODE + check + PRINTED, None, **environment)
     data, check = json.loads(done.stdout.splitlines()[-1])
     return data, check
 

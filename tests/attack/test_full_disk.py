@@ -7,7 +7,6 @@ Oracles: the contract; the same command on a disk with room.
 import errno
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf.results.store import dataset_bytes, write_dataset
+from tests.attack.test_tampering import STUDY
 from tests.commands import (
     CAN_DRAW,
     IDEAL,
@@ -27,10 +27,9 @@ from tests.commands import (
     is_refusal,
     leftovers,
 )
-from tests.oracles.full_disk import SmallDisk, small_disk
+from tests.oracles.full_disk import small_disk
 
-STUDY = ["sweep", "midpoint", "--backend", "ideal", "--set", "time.end=0.2", "--grid", "controller.gain=1,2,3"]
-STUDY += ["--trajectories", "--threads", "--workers", "1", "--out"]
+FILMED = ("midpoint", "--set", "time.end=0.2", *SMALL)
 
 
 def piece(samples: int, begin: int = 0) -> xr.Dataset:
@@ -77,17 +76,6 @@ def test_run_leaves_nothing(kilobytes: int, tmp_path: Path, request: pytest.Fixt
 
 
 @pytest.mark.long
-def test_plot_of_a_check_leaves_nothing(tmp_path: Path) -> None:
-    assert answer_of("check", "midpoint", "--no-trial").code == 0  # compiles, which writes files too
-    with files_of_at_most(10_000):
-        assert is_refusal(
-            answer_of("check", "midpoint", "--no-trial", "--plot", tmp_path / "a.png"),
-            "a.png: cannot be written: File too",
-        )
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.long
 @pytest.mark.skipif(not CAN_DRAW, reason="no offscreen OpenGL")
 def test_video_keeps_the_one_that_was_there(tmp_path: Path) -> None:
     assert answer_of("run", "midpoint", *IDEAL, *SMALL, "--video", "--out", tmp_path / "run").code == 0
@@ -120,43 +108,22 @@ def test_the_interpreter_survives(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture
-def disk(tmp_path: Path) -> Iterator[SmallDisk]:
-    with small_disk(tmp_path / "disk", "8k") as made:
-        yield made
-
-
 @pytest.mark.long
-def test_every_command_on_a_disk_that_is_really_full(disk: SmallDisk) -> None:
-    out = disk.path / "out"
-    small = ("midpoint", "--set", "time.end=0.2", *SMALL)
-    commands = {
-        "run": (("run", *small, "--out", out), (8, 40, 80, 120, 160, 200)),
-        "compare": (("compare", *small, "--out", out), (8, 80, 160)),
-        "check": (("check", "midpoint", "--no-trial", "--plot", disk.path / "a.png"), (8, 40)),
-    }
-    for arguments, sizes in commands.values():
+@pytest.mark.parametrize(
+    ("command", "place", "sizes"),
+    [
+        (("run", *FILMED, "--out"), "out", (8, 40, 80, 120, 160, 200)),
+        (("compare", *FILMED, "--out"), "out", (8, 80, 160)),
+        (("check", "midpoint", "--no-trial", "--plot"), "a.png", (8, 40)),
+    ],
+)
+def test_a_disk_that_is_really_full(command: tuple[str, ...], place: str, sizes: tuple[int], tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", "8k") as disk:
         for size in sizes:
             disk.remount(f"size={size}k")
-            answer = answer_of(*arguments)
-            assert is_refusal(answer, "cannot be written: No space left on device"), (arguments, size, answer)
+            answer = answer_of(*command, disk.path / place)
+            assert is_refusal(answer, "cannot be written: No space left on device"), (size, answer)
             assert list(disk.path.iterdir()) == []
         disk.remount("size=4000k")
-        assert answer_of(*arguments).code in (0, 3)
+        assert answer_of(*command, disk.path / place).code in (0, 3)
         assert leftovers(disk.path) == []
-        for path in sorted(disk.path.rglob("*"), reverse=True):
-            path.rmdir() if path.is_dir() else path.unlink()
-
-
-@pytest.mark.long
-def test_a_study_on_a_disk_that_is_really_full(disk: SmallDisk, tmp_path: Path) -> None:
-    assert answer_of(*STUDY, tmp_path / "whole").code == 0
-    for size in (12, 60, 100, 140):
-        out = disk.path / str(size)
-        disk.remount(f"size={size}k")
-        assert is_refusal(answer_of(*STUDY, out), "No space left on device"), size
-        disk.remount("size=4000k")
-        assert answer_of(*STUDY, out).code == 0
-        assert contents(out) == contents(tmp_path / "whole")
-        for path in sorted(disk.path.rglob("*"), reverse=True):
-            path.rmdir() if path.is_dir() else path.unlink()

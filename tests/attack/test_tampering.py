@@ -29,22 +29,11 @@ def flipped(data: bytes, choose: random.Random) -> bytes:
     return data[:place] + bytes([data[place] ^ 1 << choose.randrange(8)]) + data[place + 1 :]
 
 
-def blanked(data: bytes, choose: random.Random) -> bytes:
-    begin = choose.randrange(len(data))
-    end = min(begin + choose.randrange(1, 2000), len(data))
-    return data[:begin] + bytes(end - begin) + data[end:]
-
-
-def swapped(data: bytes, choose: random.Random) -> bytes:
-    a, b = sorted(choose.sample(range(len(data)), 2))
-    return data[b:] + data[a:b] + data[:a]
-
-
 def extended(data: bytes, choose: random.Random) -> bytes:
     return data + choose.randbytes(choose.randrange(1, 100))
 
 
-DAMAGES: list[Damage] = [truncated, flipped, blanked, swapped, extended]
+DAMAGES: list[Damage] = [truncated, flipped, extended]
 
 
 @pytest.fixture(scope="module")
@@ -78,10 +67,7 @@ def test_damaged_file_of_a_run(name: str, run: Path, films: list[Any], tmp_path:
         directory = tmp_path / str(k)
         shutil.copytree(run, directory)
         file = directory / name
-        before = file.read_bytes()
-        file.write_bytes(DAMAGES[k % len(DAMAGES)](before, choose))
-        if file.read_bytes() == before:  # zeros in the place of zeros
-            continue
+        file.write_bytes(DAMAGES[k % len(DAMAGES)](file.read_bytes(), choose))
         answer = answer_of("video", directory)
         if name == "result.nc":
             assert is_refusal(answer, "result.nc has changed since the run"), k

@@ -5,10 +5,7 @@ Oracles: `simulate` and a plain `World`, to the bit; the dataset's tracking erro
 
 import importlib
 import io
-import os
 import pkgutil
-import subprocess
-import sys
 import unittest
 import warnings
 from collections.abc import Iterator
@@ -29,9 +26,10 @@ from mjsheaf.envs import dm_env
 from mjsheaf.errors import InputError, NotUniqueError
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario, refused
-from tests.envs.test_faces import SHIPPED, horizon, shipped
+from tests.commands import python
+from tests.envs.test_faces import LOST, SHIPPED, horizon, shipped
+from tests.strategies import slow
 
-LOST = {"time": {"end": 0.3}, "events": [{"time": 0.1, "lose": "boat"}, {"time": 0.2, "join": "boat"}]}
 ALL = {
     "time": {"end": 0.3},
     "controller": {
@@ -156,14 +154,10 @@ def test_what_no_link_delivers_is_masked() -> None:
 
 def test_absent_agents_keep_their_places() -> None:
     env, fast = dm_env(mixed_scenario(**LOST)), {"boat": [2.0, 2.0]}
-    spec = env.observation_spec()
     kept = [step.observation["boat"] for step in [env.reset(), *steps(env)]]
     present = [bool(own["present"]) for own in kept]
-    assert present == [True] * 10 + [False] * 10 + [True] * 11
+    assert present == [True] * 10 + [False] * 10 + [True] * 21
     for own, there in zip(kept, present, strict=True):
-        assert {name: (value.shape, value.dtype) for name, value in own.items()} == {
-            name: (array.shape, array.dtype) for name, array in spec["boat"].items()
-        }
         assert there or not any(value.any() for value in own.values())
         assert own["received"].all() == there
     acting, resting = dm_env(mixed_scenario(**LOST)), dm_env(mixed_scenario(**LOST))
@@ -215,11 +209,7 @@ def test_an_episode_that_blows_up_ends_with_discount_0(caplog: pytest.LogCapture
     [
         ([1.0], ["action is a list", "agent ids"]),
         ({"baot": [0, 0]}, ["action: unknown agent 'baot'", "did you mean boat?"]),
-        ({"ship": [0, 0]}, ["action: unknown agent 'ship'"]),
-        ({3: [0, 0]}, ["action: unknown agent 3"]),
-        ({"boat": [0.0]}, ["action of boat", "2 finite velocities in m/s"]),
-        ({"boat": [0.0, np.nan]}, ["action of boat", "finite"]),
-        ({"boat": "fast"}, ["action of boat", "fast"]),
+        ({"boat": [0.0, np.nan]}, ["action of boat", "2 finite velocities in m/s"]),
     ],
 )
 def test_a_wrong_action_is_refused(action: Any, parts: list[str]) -> None:
@@ -234,16 +224,6 @@ def test_what_cannot_be_simulated_is_no_environment() -> None:
         dm_env(mixed_scenario(sensing=[["boat", "ship"]], communication=[]))
     with refused(InputError, "scenario is 'midpoint' (str)", "mjsheaf.load_scenario"):
         dm_env("midpoint")  # type: ignore[arg-type]
-    with refused(InputError, "seed is 'x' (str)", "whole number"):
-        dm_env(mixed_scenario(), seed="x")  # type: ignore[arg-type]
-
-
-def test_model_and_data_are_the_worlds() -> None:
-    env = dm_env(mixed_scenario())
-    world = env.task.episode.world
-    assert env.physics.model.ptr is world.model
-    assert env.physics.data.ptr is world.data
-    assert env.control_timestep() == pytest.approx(0.01)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of its windowing library, where there is no display
@@ -268,31 +248,21 @@ def test_a_wrapper_draws_it() -> None:
     assert picture.std() > 1.0
 
 
-class Conformance(test_utils.EnvironmentTestMixin, absltest.TestCase):  # type: ignore[misc]
-    """dm_env's own tests, over the end of an episode in which agents are lost and join."""
-
-    def make_object_under_test(self) -> interface.Environment:
-        return dm_env(mixed_scenario(**LOST))
-
-    def make_action_sequence(self) -> Iterator[Any]:
-        rng = np.random.default_rng(0)
-        for _ in range(40):
-            yield {
-                name: rng.uniform(spec.minimum, spec.maximum, spec.shape)
-                for name, spec in self.environment.action_spec().items()
-            }
-
-
-@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("name", SHIPPED)
-def test_the_conformance_suite_passes_on_shipped_scenarios(name: str) -> None:
-    """Each of dm_env's tests begins with an environment of its own."""
-    scenario = shipped(name)
+@pytest.mark.parametrize("name", [None, *map(slow, SHIPPED)])
+def test_the_conformance_suite_passes(name: str | None) -> None:
+    """dm_env's own tests, each on an environment of its own; also over the end of an episode with events."""
+    scenario = shipped(name) if name else mixed_scenario(**LOST)
 
-    class OfScenario(Conformance):
+    class OfScenario(test_utils.EnvironmentTestMixin, absltest.TestCase):  # type: ignore[misc]
         def make_object_under_test(self) -> interface.Environment:
-            return dm_env(scenario, horizon=horizon(scenario, 25))
+            return dm_env(scenario, horizon=horizon(scenario, 25 if name else 40))
+
+        def make_action_sequence(self) -> Iterator[Any]:
+            rng = np.random.default_rng(0)
+            for _ in range(60):
+                specs = self.environment.action_spec().items()
+                yield {name: rng.uniform(spec.minimum, spec.maximum, spec.shape) for name, spec in specs}
 
     report = io.StringIO()
     tests = unittest.defaultTestLoader.loadTestsFromTestCase(OfScenario)
@@ -308,8 +278,7 @@ def test_shimmy_makes_it_an_environment_of_gymnasium() -> None:
     env = dm_env(mixed_scenario(**LOST), one_reward=True)
     rewards = [step.reward for step in steps(dm_env(mixed_scenario(**LOST)))]
     outer = shimmy.DmControlCompatibilityV0(env)
-    observation, _ = outer.reset(seed=1)
-    assert observation in outer.observation_space
+    outer.reset(seed=1)
     assert idle(env) in outer.action_space
     assert env.reward_spec().shape == ()
     for k, own in enumerate(rewards):
@@ -330,18 +299,7 @@ def test_functions_stay_functions_after_every_import() -> None:
     for module in pkgutil.iter_modules(envs.__path__):
         assert module.name not in envs.__all__
         importlib.import_module(f"mjsheaf.envs.{module.name}")
-    for _ in range(2):
-        env = mjsheaf.envs.dm_env(mixed_scenario(time={"end": 0.05}))
-        assert env.reset().first()
-
-
-def child(code: str, **variables: str) -> str:
-    """Return the output of Python in a separate process, with warnings as errors and without a display."""
-    environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY", "PYOPENGL_PLATFORM")}
-    command = [sys.executable, "-W", "error", "-c", code]
-    run = subprocess.run(command, env=environment | variables, capture_output=True, text=True, check=True)
-    assert run.stderr == ""
-    return run.stdout.strip()
+    assert mjsheaf.envs.dm_env is dm_env
 
 
 @pytest.mark.slow
@@ -349,20 +307,18 @@ def test_only_the_environment_loads_its_library() -> None:
     """Gymnasium is asked for by its register of environments alone, which knows the scenarios once `envs` is loaded."""
     libraries = "{'dm_control', 'gymnasium', 'pettingzoo'}"
     code = f"import sys, mjsheaf; mjsheaf.simulate; mjsheaf.World; print({libraries} & set(sys.modules))"
-    assert child(code + f"; mjsheaf.envs; print({libraries} & set(sys.modules))") == "set()\n{'gymnasium'}"
+    done = python(code + f"; mjsheaf.envs; print({libraries} & set(sys.modules))", PYTHONWARNINGS="error")
+    assert (done.stdout, done.stderr) == ("set()\n{'gymnasium'}\n", "")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", [None, "off", "nonsense", "egl"])
-def test_no_way_to_draw_stops_it(backend: str | None) -> None:
-    variables = {} if backend is None else {"MUJOCO_GL": backend}
+def test_no_way_to_draw_stops_it(backend: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("MUJOCO_GL", "DISPLAY", "PYOPENGL_PLATFORM"):
+        monkeypatch.delenv(name, raising=False)
     code = (
         "import os, mjsheaf.mujoco_import, mjsheaf.envs; before = dict(os.environ); env = mjsheaf.envs.dm_env;"
         "print(callable(env), dict(os.environ) == before)"
     )
-    assert child(code, **variables) == "True True"
-
-
-def test_there_is_no_other_environment() -> None:
-    with pytest.raises(AttributeError, match="gym_env"):
-        mjsheaf.envs.gym_env  # noqa: B018
+    done = python(code, None, PYTHONWARNINGS="error", **({"MUJOCO_GL": backend} if backend else {}))
+    assert (done.stdout, done.stderr) == ("True True\n", "")

@@ -13,7 +13,7 @@ from mjsheaf.envs import Episode, dm_env, env, parallel_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from tests.builders import build_scenario, mixed_scenario, refused
-from tests.envs.test_faces import require_conformance, still
+from tests.envs.test_faces import require_conformance
 from tests.envs.test_vector import compare
 
 G = 9.81  # m/s^2
@@ -88,22 +88,6 @@ def test_actions_are_fractions_of_the_limits_of_the_actuators() -> None:
     np.testing.assert_allclose(team.episode.world._loop.state.ctrl[:4], [-66.71, 59.84, 239.36, -0.5 * np.deg2rad(35)])
     spec = dm_env(scenario, action="thrust").action_spec()["otter"]
     np.testing.assert_array_equal([spec.minimum, spec.maximum], [[-66.71] * 2, [119.68] * 2])
-
-
-def test_zero_thrust_is_a_command_and_no_residual() -> None:
-    ends = {}
-    for action in ("residual", "velocity", "thrust"):
-        made = env(fleet(time={"end": 0.5}), action=action)
-        made.reset()
-        over = False
-        while not over:
-            _, _, _, over, _ = made.step(still(made.action_space))
-        ends[action] = made.episode.world.positions()[:5]
-    boats = made.episode.scenario.whole.initial[2:5]
-    np.testing.assert_allclose(ends["thrust"][2:], boats, atol=0.02)  # they stay, and trim
-    assert (ends["thrust"][:2, 2] < 19.5).all()
-    assert (ends["velocity"][:2, 2] > 19.99).all()
-    assert (np.abs(ends["residual"] - ends["velocity"]).max(axis=1) > 1e-3).all()
 
 
 def test_absent_agents_fall_stop_or_wait_whatever_their_action() -> None:

@@ -1,4 +1,4 @@
-"""Runs that are stepped together equal `env` of the fused engine and `simulate_many`, whatever the others do.
+"""Runs that are stepped together equal `env` of the fused engine, whatever the others do.
 
 Oracle: the same episodes one by one, through a Session each.
 """
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from mjsheaf import load_scenario, simulate_many
+from mjsheaf import load_scenario
 from mjsheaf.envs import env, vector_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
@@ -109,45 +109,14 @@ def test_shipped_scenarios(name: str) -> None:
     compare(scenario, 15, together=vector_env(scenario, 2)._worlds is not None)
 
 
-def test_runs_end_and_begin_again_each_at_its_own_time() -> None:
-    scenario = mixed_scenario(**{"time": {"end": 0.1}} | CHANGES["disturbed"])
-    worlds = vector_env(scenario, 3, same_episode=True)
-    start, _ = worlds.reset(seed=4)
-    zero = still(worlds.action_space)
-    for _ in range(3):
-        worlds.step(zero)
-    worlds.reset(seed=[None, 90, None], options={"reset_mask": np.array([False, True, False])})
-    for step in range(4, 12):
-        found, rewards, _, truncated, _ = worlds.step(zero)
-        assert truncated.tolist() == [step == 10, False, step == 10]
-    np.testing.assert_array_equal(found[[0, 2]], start[[0, 2]])
-    assert (rewards == 0.0).tolist() == [True, False, True]
-    other = env(scenario.with_seed(90), engine="fused")
-    other.reset()
-    for _ in range(8):
-        expected = other.step(zero[0])[0]
-    np.testing.assert_array_equal(found[1], expected)
-
-
-def test_a_new_seed_changes_neither_recorded_paths_nor_fixed_targets() -> None:
+def test_a_new_seed_changes_neither_paths_nor_fixed_targets() -> None:
     """Agents begin elsewhere, and the runs stay together: all that targets do is shared."""
     targets = [{"id": "beacon", "position": [5, 1], "motion": {"kind": "fixed"}}]
     targets += [{"id": "lead", "position": [5, 9], "motion": {"kind": "waypoints", "points": [[9, 9]], "speed": 1}}]
     agents = [{"id": name, "position": [k, 0]} for k, name in enumerate("AB")]
     spread, sensing = {"position": 0.5}, [["A", "beacon"], ["B", "lead"]]
     scenario = boat_and_drone(0.1, agents=agents, targets=targets, spread=spread, sensing=sensing)
-    worlds = vector_env(scenario, 2)
-    found, _ = worlds.reset(seed=5)
-    assert worlds._worlds is not None
-    zero = still(worlds.action_space)
-    for k in range(2):
-        np.testing.assert_array_equal(found[k], env(scenario.with_seed(5 + k), engine="fused").reset()[0])
-    expected: Any = simulate_many([scenario.with_seed(5 + k) for k in range(2)], engine="fused")
-    for _ in range(3):
-        _, rewards, *_ = worlds.step(zero)
-    for one, run, reward in zip(worlds.envs, expected, rewards, strict=True):
-        np.testing.assert_array_equal(one.episode.world.positions()[:2, :2], run["agent_position"].values[3][:, :2])
-        assert reward == pytest.approx(-np.nansum(run["tracking_error"].values[3] ** 2))
+    compare(scenario, 15)
 
 
 def test_a_run_that_diverges_ends_alone() -> None:

@@ -1,15 +1,11 @@
-"""The live page in a real browser: what is pressed there happens in the run, and the recorded scenario repeats it."""
+"""The live page in a real browser: what is pressed there happens in the run and is recorded."""
 
 import math
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from mjsheaf import load_scenario, simulate
-from mjsheaf.runs.publish import write_scenario
-from tests.live.test_random_sessions import NAMES
+from mjsheaf import load_scenario
 from tests.live.test_view import Watched
 from tests.page.browser import missing, open_page
 from tests.page.test_browser import UNNAMED, wait_until
@@ -32,7 +28,7 @@ def press(page: Any, name: str) -> None:
 
 
 @pytest.mark.long
-def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_path: Path) -> None:
+def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any) -> None:
     scenario = load_scenario("paper", {"time.end": 30})
     with Watched(scenario, "ideal", speed=1.0) as run:
         page = open_page(browser, run.url, width=1200, height=760)
@@ -71,9 +67,6 @@ def test_everything_that_is_pressed_happens_and_is_recorded(browser: Any, tmp_pa
         page.context.close()
     (recorded,) = run.recorded
     assert len(recorded.events) == 6
-    again = simulate(load_scenario(str(write_scenario(recorded, tmp_path))), "ideal")
-    for name in NAMES:
-        np.testing.assert_array_equal(run.kept.dataset[name].values, again[name].values, err_msg=name)
 
 
 @pytest.mark.long

@@ -18,8 +18,6 @@ from tests.live.client import do, get, joined, next_state
 from tests.live.test_random_sessions import NAMES
 from tests.page.pages import positions_of, said_in, series_in
 
-LINKS = {"links.all.delay": 0.01, "links.all.noise": 0.1}
-
 
 class Watched:
     """A run that is watched from another thread, as fast as possible unless a speed is given."""
@@ -74,10 +72,7 @@ def read_frame(message: bytes, said: dict[str, Any]) -> tuple[float, dict[str, A
     ("name", "backend", "overrides"),
     [
         ("paper", "ideal", {"time.end": 6.0}),
-        pytest.param("paper", "ideal", {"time.end": 6.0} | LINKS, marks=pytest.mark.slow),
         pytest.param("harbour", "physics", {"time.end": 4.0}, marks=pytest.mark.slow),
-        pytest.param("swap", "ideal", {}, marks=pytest.mark.slow),
-        pytest.param("range_formation", "ideal", {}, marks=pytest.mark.slow),
     ],
 )
 def test_the_recorded_scenario_repeats_the_session_to_the_bit(

@@ -36,8 +36,8 @@ class Made:
         return path
 
 
-def make_page(name: str, backend: str, overrides: dict[str, Any] | None = None, **options: Any) -> Made:
-    """The page of a scenario that ships; options are those of `page_of`."""
+def make_page(name: Any, backend: str, overrides: dict[str, Any] | None = None, **options: Any) -> Made:
+    """The page of a scenario that ships, or of fields; options are those of `page_of`."""
     scenario = load_scenario(name, overrides or {})
     dataset = simulate(scenario, backend)
     phases = scenario.phases

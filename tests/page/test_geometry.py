@@ -1,7 +1,6 @@
 """Shapes of vehicles in a page. Oracle: MuJoCo's own model of a vehicle's file, and the vertices in it."""
 
 import base64
-import shutil
 from itertools import product
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf.show.solids import shapes_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
+from tests.builders import adding, altered
 
 
 @pytest.mark.slow(first=True)
@@ -37,16 +37,10 @@ def test_solids_are_where_the_model_has_them(name: str) -> None:
 def test_a_mesh_has_the_vertices_of_its_file(tmp_path: Path) -> None:
     """In the body frame, though MuJoCo keeps them about the mesh's own centre and axes."""
     corners = np.array(list(product((-1.3, 1.2), (-0.4, 0.4), (0.1, 0.8))))
-    model = load_vehicle("hull").path
-    for file in (model, model.with_suffix(".yaml")):
-        shutil.copy(file, tmp_path / file.name)
-    text = (tmp_path / "hull.xml").read_text()
     vertices = " ".join(f"{x:g}" for x in corners.ravel())
-    text = text.replace("<asset>", f'<asset><mesh name="hold" vertex="{vertices}"/>', 1)
     geom = '<geom class="visual" type="mesh" mesh="hold" pos="0.3 0 0.1" euler="0 0 0.5" material="livery"/>'
-    text = text.replace('<geom name="collision"', f'{geom}<geom name="collision"', 1)
-    (tmp_path / "hull.xml").write_text(text)
-    (shape,), _ = shapes_of([load_vehicle(str(tmp_path / "hull.yaml"))])
+    edit = adding(("asset", f'<mesh name="hold" vertex="{vertices}"/>'), ("worldbody/body", geom))
+    (shape,), _ = shapes_of([load_vehicle(altered(tmp_path, "hull", edit))])
     (solid,) = [solid for solid in shape["solids"] if solid["shape"] == "mesh"]
     parts = (("vertices", "<f4"), ("faces", "<u4"))
     kept, faces = (np.frombuffer(base64.b64decode(solid[name]), kind) for name, kind in parts)

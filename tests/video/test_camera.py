@@ -53,16 +53,6 @@ def distances(path: list[View]) -> Array:
     return np.array([view.distance for view in path])
 
 
-def assert_all_seen(time: Array, points: Array, frames: Array, path: list[View], width: int) -> None:
-    for number, now in enumerate(frames):
-        pixels, depth = path[number].project(at_times(np.array([now]), time, points)[0], width, HEIGHT)
-        assert (depth > 0).all()
-        across = (pixels / [width, HEIGHT] - 0.5) * [2, -2]  # -1 at the left and bottom, 1 at the right and top
-        left, right, bottom, top = FILL
-        inside = (across > [-left, -bottom]) & (across < [right, top])
-        assert inside.all(), f"out of the part to be filled at {now:.2f} s"
-
-
 def formation(time: Array) -> Array:
     """Thirteen boats that jump into a turning, travelling formation of 80 m, and four targets 35 m below."""
     angle = 0.5 * time[:, None] + np.linspace(0, 2 * np.pi, 13, endpoint=False)
@@ -86,20 +76,21 @@ def test_any_walk_stays_in_the_picture(seed: int, azimuth: float, elevation: flo
     time = np.linspace(0, 3, 31)
     points = scale * np.random.default_rng(seed).normal(size=(31, 5, 3)).cumsum(axis=0)
     frames, path = follow(time, points, azimuth=azimuth, elevation=elevation, width=width)
-    assert_all_seen(time, points, frames, path, width)
+    left, right, bottom, top = FILL
+    for view, places in zip(path, at_times(frames, time, points), strict=True):
+        pixels, depth = view.project(places, width, HEIGHT)
+        assert (depth > 0).all()
+        across = (pixels / [width, HEIGHT] - 0.5) * [2, -2]  # -1 at the left and bottom, 1 at the right and top
+        assert ((across > [-left, -bottom]) & (across < [right, top])).all()
 
 
 def test_the_picture_is_well_filled() -> None:
     time = np.arange(0, 12, 0.05)
     points = formation(time)
     frames, path = follow(time, points)
-    heights, widths = [], []
-    for number, now in enumerate(frames):
-        pixels, _ = path[number].project(points[np.argmin(abs(time - now))], WIDTH, HEIGHT)
-        span = np.ptp(pixels, axis=0)
-        widths.append(span[0] / WIDTH)
-        heights.append(span[1] / HEIGHT)
-    assert max(np.median(widths), np.median(heights)) > 0.5
+    pairs = zip(path, at_times(frames, time, points), strict=True)
+    spans = [np.ptp(view.project(places, WIDTH, HEIGHT)[0], axis=0) / [WIDTH, HEIGHT] for view, places in pairs]
+    assert np.median(spans, axis=0).max() > 0.5
 
 
 def test_camera_moves_slowly_even_while_agents_jump() -> None:

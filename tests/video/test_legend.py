@@ -65,9 +65,10 @@ def test_every_row_has_a_symbol() -> None:
     ("scales", "said"),
     [
         ([1.0, 1.0, 6.0, 6.0, 4.0], ["drawn ×6: drone", "drawn ×4: buoy"]),
-        ([1.0, 1.0, 3.0, 1.0, 1.0], ["drawn ×3: A3"]),
+        ([1.0, 2.0, 1.0, 1.0, 4.0], ["drawn ×4: buoy", "drawn ×2: A2"]),
+        ([3.0] * 5, ["drawn ×3: every vehicle"]),
     ],
-    ids=["by kind", "by id"],
+    ids=["by kind", "by id", "all"],
 )
 def test_the_legend_says_how_much_larger_vehicles_are(scales: list[float], said: list[str]) -> None:
     words = [str(row.get_label()) for row in rows_of(replace(everything(), scales=np.array(scales)))]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mjsheaf.show.played import Stage
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Film, Frames, Moment, VideoOptions
 from mjsheaf.video.overlay import Overlay, font, shorten
@@ -38,21 +37,16 @@ def count(lines: list[Lines]) -> int:
 def crowded(film: Film, agents: int, targets: int) -> Film:
     """The five vehicles of a run, repeated."""
     run, every = samples_of(film), np.arange(agents + targets) % film.vehicles
-    return replace(
+    of_run = {name: getattr(run, name)[:, every] for name in ("positions", "quaternions")}
+    of_film = {name: getattr(film, name)[every] for name in ("qpos_address", "body_id", "group", "scales")}
+    return change_film(
         film,
         agent_ids=[f"A{k}" for k in range(agents)],
         target_ids=[f"T{k}" for k in range(targets)],
-        run=replace(
-            run,
-            positions=run.positions[:, every],
-            quaternions=run.quaternions[:, every],
-            harmonic_extension=np.zeros((len(run.time), agents, 3)),
-        ),
-        qpos_address=film.qpos_address[every],
-        body_id=film.body_id[every],
-        group=film.group[every],
-        scales=np.ones(agents + targets),
-        stages=[Stage(0.0, [])],
+        harmonic_extension=np.zeros((len(run.time), agents, 3)),
+        edges=[],
+        **of_run,
+        **of_film,
     )
 
 
@@ -85,11 +79,6 @@ class TestDecoration:
         assert alphas.max() > 0.8
         for vehicle in samples_of(film).positions[-1]:
             assert np.linalg.norm(ends[:, 1] - vehicle, axis=1).min() < 0.01
-
-    def test_a_trail_longer_than_the_run_shows_all_of_it(self) -> None:
-        film = make_film(make_model(), edges=[], surface="none")
-        _, lines = decorate(film, VideoOptions(trail=1e6), 2.0)
-        assert count(lines) > 5 * 40  # not one straight line for each of five vehicles
 
     def test_trails_of_a_crowd_stay_affordable(self) -> None:
         film = make_film(make_model())
@@ -133,25 +122,19 @@ class TestDecoration:
             np.testing.assert_allclose(ball.pos, goal, atol=1e-5)
             np.testing.assert_allclose(ball.rgba[:3], film.colours[group], atol=1e-6)
 
-    def test_only_what_is_off_the_surface_gets_a_stem(self) -> None:
+    def test_only_what_is_off_the_surface_gets_a_stem_that_ends_there(self) -> None:
         film = make_film(make_model(), edges=[])
+        places = samples_of(film).positions + np.array([0.0, 0.0, 30.0])
+        film = change_film(film, positions=places, harmonic_extension=places[:, :3], surface_height=30.0)
         options = VideoOptions(trail=0)
-        with_surface, without = (
+        (feet, lines), (bare, without) = (
             decorate(replace(film, surface=surface), options, 0.0) for surface in ("water", "none")
         )
-        assert len(with_surface[0]) - len(without[0]) == 2  # two targets below the water, each a foot
-        assert count(with_surface[1]) - count(without[1]) == 2  # and a line
-
-    def test_stems_end_at_the_surface_wherever_it_is(self) -> None:
-        film = make_film(make_model(), edges=[])
-        film = change_film(film, positions=samples_of(film).positions + np.array([0.0, 0.0, 30.0]), surface_height=30.0)
-        feet, lines = decorate(
-            change_film(film, harmonic_extension=samples_of(film).positions[:, :3]), VideoOptions(trail=0), 0.0
-        )
-        for target in samples_of(film).positions[0, 3:]:
+        assert len(feet) - len(bare) == count(lines) - count(without) == 2  # of the targets, which are below
+        ends = np.concatenate([batch.ends for batch in lines])
+        for target in places[0, 3:]:
             wanted = [*target[:2], 30.0]
             assert min(np.abs(foot.pos - wanted).max() for foot in feet) < 1e-5
-            ends = np.concatenate([batch.ends for batch in lines])
             assert np.abs(ends - [target, wanted]).max(axis=(1, 2)).min() < 1e-4
 
 

@@ -18,34 +18,24 @@ def between(film: Poses, first: int) -> Poses:
     [
         (10.0, 1001, 30, 1.0, 301),
         (10.0, 1001, 30, 2.0, 151),
-        (10.0, 1001, 25, 0.5, 501),
         (0.1, 11, 30, 1.0, 4),
         (0.01, 2, 30, 1.0, 1),
         (49.98, 4999, 30, 1.0, 1500),
+        (0.0, 1, 30, 1.0, 1),
     ],
 )
 def test_frame_times(duration: float, samples: int, fps: int, speed: float, count: int) -> None:
+    """Of a run that begins at 7 s; the last one has a single sample."""
     film = make_film(make_model(), duration, samples)
-    times = frame_times(film, VideoOptions(fps=fps, speed=speed))
+    film = change_film(film, time=samples_of(film).time + 7.0)
+    options = VideoOptions(fps=fps, speed=speed)
+    times = frame_times(film, options)
     assert len(times) == count
-    assert times[0] == film.span[0]
+    assert times[0] == film.span[0] == 7.0
+    np.testing.assert_array_equal(Frames(film, options).moment(0).positions, samples_of(film).positions[0])
     assert times[-1] <= film.span[1] + 1e-9
     assert times[-1] + speed / fps > film.span[1]
     np.testing.assert_allclose(np.diff(times), speed / fps)
-
-
-def test_times_start_with_the_run() -> None:
-    run = make_run()
-    frames = Frames(make_film(make_model(), time=run.time + 7), VideoOptions())
-    assert frames.times[0] == 7.0
-    np.testing.assert_array_equal(frames.moment(0).positions, run.positions[0])
-
-
-def test_a_run_of_one_sample_has_one_frame() -> None:
-    film = make_film(make_model(), 0.0, 1)
-    frames = Frames(film, VideoOptions())
-    assert frames.times.tolist() == [0.0]
-    np.testing.assert_array_equal(frames.moment(0).positions, samples_of(film).positions[0])
 
 
 def test_a_film_that_lasts_longer_than_its_run_stands_still() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.media.waves import WaveArrays, pack_waves, wave_surface
+from mjsheaf.media.waves import pack_waves, wave_surface
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import seas_of
 from mjsheaf.video.camera import View
@@ -26,12 +26,6 @@ def afloat(**water: Any) -> Scenario:
     return boat_and_drone(1.0, flow={"water": {"dimension": 2, **water}}, scene=scene, video=video)
 
 
-def met(waves: WaveArrays, x: float, y: float, time: float) -> list[float]:
-    """Return elevation and slopes that a boat at a place meets."""
-    state = waves.new_state()
-    return list(wave_surface(waves, state, time, 0, x, y)[:3])
-
-
 def test_the_drawn_surface_is_what_boats_meet() -> None:
     """On a grid fine enough for all waves, elevation and slopes are those of the compiled sea."""
     (sea,) = seas_of(afloat(waves=WAVES).phases)
@@ -39,7 +33,8 @@ def test_the_drawn_surface_is_what_boats_meet() -> None:
     drawn = sea.surface(x, y, 7.25)
     packed = pack_waves(sea.waves, np.array([1]), sea.level)
     for i, j in ((0, 0), (85, 200), (300, 92)):
-        np.testing.assert_allclose(drawn[:, i, j], met(packed, x[i], y[j], 7.25), atol=1e-4)
+        boat = wave_surface(packed, packed.new_state(), 7.25, 0, x[i], y[j])
+        np.testing.assert_allclose(drawn[:, i, j], boat[:3], atol=1e-4)
 
 
 def test_the_mesh_lies_about_the_level_and_reaches_the_horizon() -> None:

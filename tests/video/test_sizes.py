@@ -9,7 +9,7 @@ from mjsheaf import simulate
 from mjsheaf.arrays import Array, IntArray
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.scenario import load_scenario
-from mjsheaf.show.style import MAX_GAP_FRACTION, MIN_FRACTION, automatic_scales, list_scales, round_number, run_size
+from mjsheaf.show.style import MAX_GAP_FRACTION, MIN_FRACTION, automatic_scales, round_number, run_size
 from mjsheaf.vehicles.loading import SEEN_GROUPS
 from mjsheaf.video.draw import Painter
 from mjsheaf.video.film import both_films, film_of, half_options, video_options
@@ -58,14 +58,6 @@ def test_a_vehicle_that_is_lost_far_away_does_not_count() -> None:
     far = WIDE.copy()
     far[4:, 0] = [0.0, 0.0, -1e6]
     assert run_size(far) < 2.0 * run_size(WIDE)
-
-
-def test_scales_are_said_by_kind_or_by_id() -> None:
-    kinds, ids = ["boat", "boat", "drone", "drone"], ["A", "B", "C", "D"]
-    assert list_scales(kinds, ids, np.array([1.0, 1.0, 6.0, 6.0])) == [(6.0, ["drone"])]
-    assert list_scales(kinds, ids, np.array([1.0, 2.0, 6.0, 6.0])) == [(6.0, ["drone"]), (2.0, ["B"])]
-    assert list_scales(kinds, ids, np.full(4, 3.0)) == [(3.0, ["every vehicle"])]
-    assert list_scales(kinds, ids, np.ones(4)) == []
 
 
 def radii_of(model: mujoco.MjModel, body_id: IntArray) -> Array:
