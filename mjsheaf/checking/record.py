@@ -136,7 +136,7 @@ class Problem(Record):
 
     kind: str = Field(
         description="assumption_1 to assumption_7, rigid, place, undecided, held_law, links, bodies, targets, turning, "
-        "flow, wind, gusts, slow, limited, unsafe, room, or untried"
+        "flow, wind, gusts, slow, limited, noise, unsafe, room, or untried"
     )
     what: str = Field(description="what is wrong, in a few words")
     why: str = Field("", description="the reason, with numbers, or empty")
@@ -464,6 +464,18 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
         )
     slow = list(_of_slow(part))
     yield from slow
+    noise = [] if part.links is None or part.links.noise is None else part.links.noise.agents
+    shaken = {each.agent: each.command or 0.0 for each in noise}
+    jumpy = [demand for demand in part.margins.speed if shaken.get(demand.agent, 0.0) > demand.largest]
+    if jumpy:
+        worst = max(jumpy, key=lambda demand: shaken[demand.agent] / demand.largest)
+        yield Problem(
+            kind="noise",
+            what=f"{and_others(worst.agent, len(jumpy) - 1)} cannot follow commands that noise makes",
+            why=f"noise of measurements makes commands of {shaken[worst.agent]:.3g} m/s RMS for {worst.agent}, which "
+            f"moves at {worst.largest:.3g} m/s at most",
+            fix="a lower controller.gain, less noise, or longer filters of the terms",
+        )
     carried = part.disturbance.carried_off
     blown = {id: (wind, most) for id, (wind, most) in part.margins.wind.items() if most is not None and wind > most}
     if blown:

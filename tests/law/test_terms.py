@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from mjsheaf import World, load_scenario, simulate
+from mjsheaf import World, load_scenario, save, simulate
 from mjsheaf.errors import InputError
 from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
@@ -645,3 +645,13 @@ def test_exchanges_and_numbers_are_counted() -> None:
     own = simulate(scenario, "ideal", controller=agentwise(scenario, "ideal"))
     assert own.attrs["numbers_sent"] == 36 * 3 * own.attrs["exchange_rounds"]  # three coordinates to each neighbour
     assert communication(simulate(paper, "ideal"), T, paper.system.grid.period) == dict.fromkeys(sent, 0.0)
+
+
+@pytest.mark.long
+def test_a_published_run_of_a_law_in_python_says_what_it_sent(tmp_path: Any) -> None:
+    scenario = load_scenario("paper", {"time.end": 0.2})
+    law = edited(scenario, NEWTON)
+    data = simulate(scenario, "ideal", controller=agentwise(law, "ideal"))
+    summary = save(data, tmp_path / "run", video=False).summary
+    assert summary["communication"]["exchanges_per_second"] == pytest.approx(200.0)
+    assert summary["communication"]["numbers_per_agent_second"] == pytest.approx(200.0 * 36 * 3 / 13)

@@ -486,3 +486,20 @@ def test_the_sea_of_a_page_is_the_one_that_boats_meet(browser: Any, tmp_path: Pa
     middle = "(() => { const { sea } = window.mjsheaf.world, n = 3 * (sea.places.length / 3 - 1) / 2;"
     px, py, pz = page.evaluate(middle + " return [sea.places[n], sea.places[n + 1], sea.places[n + 2]]; })()")
     assert pz == pytest.approx(page.evaluate(f"window.mjsheaf.world.sea.elevation({px}, {py}, 1.3)")[0], abs=5e-3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("width", [390, 701, 760, 761, 1280])
+def test_the_legend_lies_beside_the_scene(browser: Any, harbour: tuple[Path, Made], width: int) -> None:
+    """Open or closed, as it is at first next to a narrow scene; and the scale bar lies within the scene."""
+    page = open_page(browser, harbour[0], width=width, hash="#t=20")
+    legend = page.locator("#legend details")
+    assert legend.evaluate("d => d.open") == (width > 760)
+    for opened in ("true", "false"):
+        legend.evaluate(f"d => {{ d.open = {opened}; }}")
+        stage, key, scale = (page.locator(name).bounding_box() for name in ("#stage", "#legend", "#scale"))
+        assert key["y"] >= stage["y"] + stage["height"]
+        assert key["x"] + key["width"] <= width
+        assert stage["x"] <= scale["x"]
+        assert scale["x"] + scale["width"] <= stage["x"] + stage["width"]
+        assert stage["y"] + stage["height"] >= scale["y"] + scale["height"]

@@ -122,3 +122,19 @@ def test_h1_of_large_sheaves() -> None:
     tree, ones = Sheaf(dict.fromkeys(range(3600), 1)), np.ones((3599, 1, 1))
     tree.add_edges(list(range(3599)), list(range(1, 3600)), ones, ones)
     assert tree.cohomology_basis().shape == (3599, 0)
+
+
+def test_the_class_of_a_cycle_goes_round_it() -> None:
+    """Edges alternate in direction; weights enter the representative: K y is the same all the way round."""
+    n = 5
+    weight = np.array([1e-3, 1.0, 2.0, 50.0, 1e3])
+    sheaf = Sheaf(dict.fromkeys(range(n), 1))
+    sign = np.array([1.0, -1.0, 1.0, 1.0, -1.0])
+    one = np.ones((1, 1))
+    for v in range(n):
+        tail, head = (v, (v + 1) % n) if sign[v] > 0 else ((v + 1) % n, v)
+        sheaf.add_edge(tail, head, one, one, weight=weight[v])
+    expected = sign / weight
+    expected /= np.sqrt(expected @ (weight * expected))
+    basis = sheaf.cohomology_basis()
+    np.testing.assert_allclose(basis * np.sign(basis[0]), expected[:, None], rtol=1e-10)

@@ -1,4 +1,4 @@
-"""Agents whose measurements are lost: how fast they can move on average, and how far they fall behind."""
+"""Agents that are too slow: for lost measurements, for commands that noise makes, and for gusts."""
 
 from functools import partial
 
@@ -34,8 +34,9 @@ def test_an_agent_falls_behind_as_foreseen_on_ideal_kinematics(limit, loss):
     error = run["tracking_error"].values[:, 0]
     rate = (error[-1] - error[len(error) // 4]) / 90.0
     assert rate == pytest.approx(1.0 - limit * (1.0 - loss), abs=0.05)
-    least = error[3 * len(error) // 4]  # over the last quarter
-    assert least > demand["deficit"] > 0.7 * least
+    least = error[3 * len(error) // 4]  # over the last quarter; losses let it stray by 2 or 3 m RMS
+    assert demand["deficit"] == pytest.approx((1.0 - limit * (1.0 - loss)) * 90.0, rel=0.03)
+    assert least == pytest.approx(demand["deficit"], abs=7.0)
     assert [problem["kind"] for problem in record["problems"]] == ["limited"]
     assert "links that lose less" in record["problems"][0]["fix"]
 
@@ -86,3 +87,45 @@ def test_edges_are_lost_independently():
     bursts = {"to_bad": 0.1, "to_good": 0.3, "loss_good": 0.0, "loss_bad": 0.8}
     burst = build(links={"all": {"loss": bursts}})
     np.testing.assert_allclose(_fraction_heard(burst.whole)[2], 0.8)
+
+
+def in_noise(gain):
+    """A quadrotor at a target at rest that it sees with noise."""
+    return build_scenario(
+        {"D": {"position": [0, 0, 10], "vehicle": "quadrotor"}},
+        {"T": {"position": [0, 0, 10], "vehicle": "aerial", "motion": {"kind": "static"}}},
+        [["D", "T"]],
+        time={"end": 30},
+        controller={"gain": gain, "control_period": 0.1},
+        links={"all": {"noise": 1.2}},
+    )
+
+
+def test_commands_that_noise_makes_are_a_problem_beyond_the_vehicles_speed():
+    calm, shaken = in_noise(1.0), in_noise(7.0)
+    assert mjsheaf.check(calm, trial=False, progress=False)["ok"]
+    problems = mjsheaf.check(shaken, trial=False, progress=False)["problems"]
+    (problem,) = [problem for problem in problems if problem["kind"] == "noise"]
+    run = mjsheaf.simulate(shaken, backend="ideal", progress=False)
+    size = np.sqrt((np.linalg.norm(run["velocity_command"].values[:, 0], axis=1) ** 2).mean())
+    assert f"commands of {size:.2g}"[:14] in problem["why"]
+    assert size > 9.4
+
+
+@pytest.mark.parametrize(("drift", "wind"), [(0.0, 8.0), (0.0, 30.0), (3.0, 6.0), (5.0, 6.0), (8.5, 6.0)])
+def test_gusts_carry_off_where_they_are_too_fast_a_tenth_of_the_time(drift, wind):
+    """Oracle: how often the gusts of a long run are faster than the quadrotor."""
+    scenario = build_scenario(
+        {"D": {"position": [0, 0, 20], "vehicle": "quadrotor"}},
+        {"T": {"position": [0, 0, 20], "vehicle": "aerial", "motion": {"kind": "static", "pull": 1.0}}},
+        [["D", "T"]],
+        time={"end": 20_000},
+        controller={"control_period": 0.5},
+        flow={"air": {"dimension": 3, "drift": [drift, 0, 0], "gusts": {"kind": "dryden", "wind_speed": wind}}},
+    )
+    times = np.arange(0.0, 20_000.0, 0.5)
+    speed = np.linalg.norm(mjsheaf.medium(scenario).velocity("D", times, np.array([0.0, 0.0, 20.0]))[:, :2], axis=1)
+    faster = float((speed > scenario.whole.vehicles[0].capability.least_speed).mean())
+    assert abs(faster - 0.1) > 0.03  # no case is near the border
+    record = mjsheaf.check(scenario, trial=False, progress=False)
+    assert ("D" in record["disturbance"]["carried_off"]) is (faster > 0.1)
