@@ -217,13 +217,14 @@ def _fraction_heard(system: System) -> Array:
     """Return the fraction of samples at which a measurement of an agent's edges arrives, shape (N,).
 
     Losses of edges are independent. It is 1 for agents with a measurement that is never lost or stands in for lost
-    ones, for those that never measure, and with terms, whose commands do not vanish where nothing arrives.
+    ones, for those that never measure, with bursts, which may last longer than the run, and with terms, whose commands
+    do not vanish where nothing arrives.
     """
     law = system.law
     lost = np.zeros(len(law.edges.tail))
     for link in law.links.table:
-        if link["lossy"] and not link["hold"] and not law.terms.agents:
-            lost[link["edge"]] = link["bad"] * link["loss_bad"] + (1.0 - link["bad"]) * link["loss_good"]
+        if link["lossy"] and not (link["bursts"] or link["hold"] or law.terms.agents):
+            lost[link["edge"]] = link["loss_good"]
     missed = np.ones(len(system.team.members))
     for end, listens in zip((law.edges.tail, law.edges.head), law.edges.listens.T, strict=True):
         np.multiply.at(missed, end[listens], lost[listens])
