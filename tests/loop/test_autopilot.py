@@ -7,7 +7,6 @@ largest shares of these that the limits leave, by linear programming.
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -216,30 +215,6 @@ def test_a_multirotor_with_parallel_rotors_points_weight_and_force(name: str, sp
     assert speed < 200.0 or cut == 40
 
 
-@pytest.mark.usefixtures("engine")
-@pytest.mark.parametrize("name", POINTING)
-def test_a_multirotor_leans_to_where_it_is_sent_and_keeps_its_height_and_heading(name: str, tmp_path: Path) -> None:
-    """Sent level at 200 m/s it leans as far as it may, toward there; its weight stays carried."""
-    for bearing in (0.0, 100.0, 215.0):
-        world = alone(altered(tmp_path, name, drag={"linear": [0.6] * 3}), heading=35)
-        vehicle, _, dof, _ = body(world)
-        direction = np.array([np.cos(np.deg2rad(bearing)), np.sin(np.deg2rad(bearing)), 0.0])
-        ask(world, 200.0 * direction)
-        tilts = []
-        for _ in range(30):
-            world.step(100)
-            tilts.append(tilt_of(world))
-        z = attitude(world)[:, 2]
-        assert max(tilts) < largest_tilt(vehicle) + 1.0
-        assert tilts[-1] == pytest.approx(largest_tilt(vehicle), abs=0.1)
-        np.testing.assert_allclose(z[:2] / np.linalg.norm(z[:2]), direction[:2], atol=2e-3)
-        heading = Rotation.from_euler("z", 35, degrees=True).as_matrix()
-        level = facing(z, 0.0).T @ attitude(world)  # the turn that is left once the lean is taken back
-        np.testing.assert_allclose(level, heading, atol=2e-3)
-        assert abs(world.positions()[0, 2]) < 0.5
-        assert world.data.qvel[dof][:3] @ direction > 5.0
-
-
 @pytest.mark.slow(first=True)
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize(("tilt", "fall"), [(60, 2.0), (150, 7.0)])
@@ -281,16 +256,3 @@ def test_commands_depend_on_the_velocity_through_the_medium_alone(name: str) -> 
         shift = moving.positions()[0] - still.positions()[0]
         np.testing.assert_allclose(shift, (w * still.time)[:3], atol=1e-9)
         np.testing.assert_allclose(moving.quaternions()[0], still.quaternions()[0], atol=1e-9)
-
-
-def test_commands_within_the_limits_are_left_alone() -> None:
-    """Slow ones of every vehicle: W u is the whole of what is asked, as a vehicle without limits would do."""
-    for name in REAL:
-        limited, free = alone(name, heading=10), alone(name, heading=10, limits=False)
-        for world in (limited, free):
-            ask(world, [0.1, -0.05, 0.02][: world.arena.vehicles[0].dimension])
-            world.step(2_000)
-            mujoco.mj_forward(world.model, world.data)
-        assert limited.saturation()[0] == 0.0
-        np.testing.assert_array_equal(limited.data.qpos, free.data.qpos)
-        np.testing.assert_array_equal(limited.data.ctrl, free.data.ctrl)

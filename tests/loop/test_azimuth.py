@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf import World, load_scenario, simulate
+from mjsheaf import World, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.loop.bodies import pack_fleet
@@ -218,21 +218,6 @@ def test_mujoco_pushes_along_the_angle() -> None:
         np.testing.assert_allclose(world.data.actuator_force[own], state.ravel(), atol=1e-9)
 
 
-@pytest.mark.slow(first=True)
-@pytest.mark.usefixtures("engine")
-@pytest.mark.parametrize("velocity", [(2.0, 0.0), (-1.5, 0.0), (0.0, 1.0), (0.0, -1.2)])
-def test_at_a_steady_speed_thrust_balances_drag(velocity: tuple[float, float]) -> None:
-    """In a current: D v + Q |v| v to rounding, no yaw moment, and the commanded speed."""
-    world, v = alone(NAME, heading=0, drift=[0.4, -0.2]), np.array(velocity)
-    ask(world, v)
-    world.step(40_000)
-    np.testing.assert_allclose(world.data.qvel[body(world)[2]], [v[0] + 0.4, v[1] - 0.2, 0, 0, 0, 0], atol=1e-6)
-    drag = np.array([100, 100]) * v + np.array([150, 100]) * np.abs(v) * v
-    # The sway force .28 m below the surface heels the boat by half a degree, so it is not quite level.
-    np.testing.assert_allclose(wrench(world)[[0, 1, 5]], [*drag, 0.0], atol=1e-4 * np.abs(drag).max())
-    assert world.saturation()[0] == 0.0
-
-
 def mean_delay(world: World, before: Any, after: Any) -> float:
     """Time less way in units of the change of speed, after a step from one velocity to another."""
     ask(world, before)
@@ -402,19 +387,6 @@ def test_its_loop_is_linear_in_a_current_and_not_at_rest(name: str, current: lis
     # Held, a velocity command of 1 along each axis ends as that velocity.
     steady = model.C @ np.linalg.solve(np.eye(len(model.A)) - model.A, model.B) + model.D
     np.testing.assert_allclose(steady / 0.005, np.eye(2), atol=error)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("plain", "name", "least", "most"), [("wamv", NAME, 0.97, 1.03), ("otter", "otter_rudder", 0.0, 1.1)]
-)
-def test_a_team_of_them_follows_as_well_as_the_plain_boats(plain: str, name: str, least: float, most: float) -> None:
-    """`otters` sailed by others: RMS error over the last half, hardly ever at a limit."""
-    scenarios = [load_scenario("otters", {"vehicles.agents": boat}) for boat in (plain, name)]
-    runs = [simulate(scenario, engine="fused") for scenario in scenarios]
-    before, after = (np.sqrt((run.tracking_error.values[len(run.time) // 2 :] ** 2).mean()) for run in runs)
-    assert least <= after / before <= most
-    assert name != NAME or float(runs[1].agent_saturation.mean()) < 0.01
 
 
 # -- what is refused ---------------------------------------------------------------------------------------------------

@@ -57,13 +57,6 @@ def test_with_all_effects_on_a_vehicle_is_itself(name: str) -> None:
     assert not differing(embody(vehicle, Effects()), vehicle)
 
 
-@pytest.mark.parametrize("name", [*HAS, *IDEAL])
-def test_what_effects_a_vehicle_has(name: str) -> None:
-    """From its files; the vehicles with ideal thrusters have none."""
-    found = has_effects(load_vehicle(name))
-    assert {effect for effect in CHANGES if getattr(found, effect)} == HAS.get(name, set())
-
-
 @pytest.mark.parametrize("effect", CHANGES)
 @pytest.mark.parametrize("name", HAS)
 def test_an_effect_that_is_off_changes_its_own_fields_alone(name: str, effect: str) -> None:
@@ -148,17 +141,6 @@ def test_without_inertia_a_body_stays_where_trim_has_it(name: str) -> None:
     np.testing.assert_allclose(*tilt, atol=1e-6)
     if name in MULTIROTORS:
         np.testing.assert_allclose(light.positions()[0], 0.0, atol=1e-6)
-
-
-@pytest.mark.parametrize("name", ["hexarotor", "wamv"])
-def test_without_inertia_velocity_follows_at_once(name: str) -> None:
-    """In a flow: w + v_c after a few time constants of .02 s."""
-    world = alone(name, drift=[0.3, -0.2, 0.1], inertia=False, lag=False)
-    _, _, dof, _ = body(world)
-    w = np.array([0.3, -0.2, 0.1 if name == "hexarotor" else 0.0])
-    ask(world, [0.4, 0.5])
-    world.step(300)
-    np.testing.assert_allclose(world.data.qvel[dof][:3] - w, [0.4, 0.5, 0.0], atol=1e-3)
 
 
 @pytest.mark.parametrize("name", [*MULTIROTORS, "wamv"])

@@ -167,12 +167,6 @@ def test_it_moves_with_the_water_and_stays_upright(engine: str) -> None:
     assert np.isfinite(data["agent_position"].values[..., :2]).all()
 
 
-def test_it_stays_where_it_is_in_still_water() -> None:
-    data = simulate(watched({"motion": {"kind": "static", "pull": 1}}), engine="fused")
-    np.testing.assert_allclose(data["target_position"].values[-1, 0, :2], [5.0, 3.0], atol=1e-9)
-    assert (data["target_saturation"].values == 0.0).all()
-
-
 def test_it_cannot_be_an_agent() -> None:
     scenario = watched({}, agents=list_members({"A": [0.0, 0.0]}, vehicle="buoy"))
     with pytest.raises(InputError, match=r"agents\.A\.vehicle: 'buoy' has no thrusters and cannot be an agent"):

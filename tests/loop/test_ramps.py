@@ -336,11 +336,3 @@ def test_a_turn_through_one_point_is_refused_for_ranges_and_found_by_check() -> 
     raw["communication"][2] |= {"measures": "range"}
     with pytest.raises(InputError, match=r"over: brings the places of B1 and B2 together at 0\.4 s, .* no range"):
         _ = load_scenario(raw).phases
-
-
-@pytest.mark.long
-def test_engines_agree() -> None:
-    scenario = ring([change()], controller=FEEDFORWARD)
-    mujoco, fused = (simulate(scenario, engine=engine) for engine in ("mujoco", "fused"))
-    for name in ("agent_position", "harmonic_extension", "velocity_command"):
-        np.testing.assert_allclose(mujoco[name].values, fused[name].values, rtol=0, atol=1e-9, err_msg=name)

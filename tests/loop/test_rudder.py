@@ -218,12 +218,6 @@ def test_a_large_step_turns_it_alike_to_both_sides() -> None:
     assert port[-1] < np.deg2rad(20.0) * abs(steady_rate(120.0))  # quadratic drag and the slower hull take their share
 
 
-def test_without_thrust_and_speed_it_stays_where_it_is() -> None:
-    rate, heading = sail(LIMIT, 0.0, 1500)
-    assert np.abs(rate).max() < 1e-9
-    assert np.abs(heading).max() < 1e-9
-
-
 def test_a_lost_boat_leaves_its_rudder_where_it_is() -> None:
     world = alone(NAME, timestep=0.01)
     ask(world, [1.5, 1.0])
