@@ -5,7 +5,6 @@ largest shares of these that the limits leave, by linear programming.
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,14 +17,10 @@ from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import MULTIROTORS, REAL, altered
 from tests.loop.one_vehicle import alone, ask, attitude, body, largest_tilt, place, wanted_force, wrench, yaw_of
 from tests.oracles.rigid_body import hold_moment
+from tests.strategies import slow
 
 FULL = ("hexarotor", "wamv")
 POINTING = ("quadrotor", "x500")
-
-
-def slow(*speeds: float) -> list[Any]:
-    """Speeds of slow examples."""
-    return [pytest.param(speed, marks=pytest.mark.slow) for speed in speeds]
 
 
 def asked_wrenches(world: World, velocity: Array) -> list[Array]:
@@ -79,7 +74,7 @@ def within_limits(vehicle: Vehicle, asked: list[Array]) -> tuple[Array, list[flo
     return total, shares
 
 
-@pytest.mark.parametrize("speed", [0.05, *slow(3.0), 100.0])
+@pytest.mark.parametrize("speed", [0.05, slow(3.0), 100.0])
 @pytest.mark.parametrize("name", FULL)
 def test_at_the_limits_weight_goes_before_attitude_and_attitude_before_translation(name: str, speed: float) -> None:
     """W u = weight + s_1 roll and pitch + s_2 yaw + s_3 translation, each s the largest that then fits."""
@@ -176,7 +171,7 @@ def facing(thrust: Array, heading: float) -> Array:
     return (Rotation.from_rotvec(turn) * Rotation.from_rotvec([0, 0, heading])).as_matrix()
 
 
-@pytest.mark.parametrize("speed", [0.2, *slow(4.0), 200.0])
+@pytest.mark.parametrize("speed", [0.2, slow(4.0), 200.0])
 @pytest.mark.parametrize("name", POINTING)
 def test_a_multirotor_with_parallel_rotors_points_weight_and_force(name: str, speed: float, tmp_path: Path) -> None:
     """In the attitude that it wants, its thrust is weight + s F: no less carried, toward where it is asked to go."""

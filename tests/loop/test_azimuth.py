@@ -8,7 +8,6 @@ import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -26,9 +25,9 @@ from mjsheaf.loop.linear import HeldPoint, linearise
 from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
 from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.loading import load_vehicle
-from mjsheaf.vehicles.steering import Full, HandPoint
-from tests.builders import Edit, altered, find, known, pursuit, setting
-from tests.loop.one_vehicle import alone, ask, attitude, body, least_thrust, place, wanted_force, yaw_of
+from mjsheaf.vehicles.steering import Full
+from tests.builders import Edit, altered, known, pursuit, setting
+from tests.loop.one_vehicle import alone, ask, attitude, body, least_thrust, place, wanted_force
 
 NAME = "wamv_azimuth"
 PUSH = 2353.5  # N
@@ -93,8 +92,6 @@ def test_what_it_can_push() -> None:
     vehicle = load_vehicle(NAME)
     assert vehicle.capability.forward_thrust == pytest.approx(2 * PUSH, rel=1e-9)
     assert least_thrust(vehicle) == pytest.approx(PUSH / np.hypot(0.5, 2.3738 / 2 / 1.0271), rel=2e-3)
-    free = embody(load_vehicle(NAME), Effects(limits=False))
-    assert least_thrust(free) == np.inf
 
 
 def turner(low: float, high: float, weakest: float = -1.0) -> AzimuthThruster:
@@ -291,22 +288,6 @@ def test_a_lag_of_the_angle_is_first_order_and_keeps_the_rate(tmp_path: Path) ->
         before = now
 
 
-def test_its_angles_are_state_that_mujoco_saves() -> None:
-    """Back to a saved state, the same bits again."""
-    world, kind = alone(NAME, drift=[0.3, 0.1]), mujoco.mjtState.mjSTATE_FULLPHYSICS
-    ask(world, [0.3, -0.8])
-    world.step(300)
-    saved = np.empty(mujoco.mj_stateSize(world.model, kind))
-    mujoco.mj_getState(world.model, world.data, saved, kind)
-    world.step(400)
-    ends = [world.data.qpos.copy(), world.data.act.copy()]
-    mujoco.mj_setState(world.model, world.data, saved, kind)
-    world.step(400)
-    for end, again in zip(ends, (world.data.qpos, world.data.act), strict=True):
-        np.testing.assert_array_equal(end, again)
-    assert np.abs(ends[1][1::2]).min() > 0.1
-
-
 @pytest.mark.long
 def test_far_beyond_its_limits_it_pushes_where_it_is_asked_to() -> None:
     """Level, on its heading, with turned engines: a positive multiple of the desired force, one engine saturated."""
@@ -340,33 +321,6 @@ def test_without_limits_and_lag_the_force_is_the_wanted_one_at_once() -> None:
         wanted = wanted_force(vehicle, R, R.T @ [*v, 0.0], np.zeros(3))[:2]
         commands = world.data.ctrl[body(world)[3]]
         np.testing.assert_allclose((vehicle.W @ efforts(commands))[:2], wanted, rtol=1e-9, atol=1e-6)
-
-
-def one_engine(root: ElementTree.Element) -> None:
-    """On the centre line."""
-    actuators = find(root, "actuator")
-    actuators.remove(find(root, "actuator/general[@name='thruster_starboard']"))
-    engine = find(root, ".//body[@name='engine_port']")
-    engine.set("pos", "-2.3738 0 .2309")
-
-
-@pytest.mark.slow
-def test_a_boat_with_one_outboard_engine_is_steered_at_a_hand_point(tmp_path: Path) -> None:
-    """Any steering goes with any actuator: surge and yaw from thrust ahead and to port.
-
-    Its stern first goes the other way, so that a point near the bow would circle.
-    """
-    with pytest.raises(InputError, match=r"is missing .*needs `steering`"):
-        load_vehicle(altered(tmp_path, NAME, one_engine, actuators=swivel()))
-    path = altered(tmp_path, NAME, one_engine, actuators=swivel(), steering={"hand_point": 6.0})
-    assert load_vehicle(path).steering == HandPoint(hand_point=6.0)
-    world = alone(path, heading=0, drift=[0.2, 0.1], timestep=0.005)
-    ask(world, [1.0, 0.8])
-    world.step(40_000)
-    before = world.positions()[0, :2]
-    world.step(200)
-    np.testing.assert_allclose(world.positions()[0, :2] - before, [1.2, 0.9], atol=1e-3)
-    assert yaw_of(world) == pytest.approx(np.arctan2(0.8, 1.0), abs=0.02)
 
 
 # -- about an equilibrium, in a scenario -------------------------------------------------------------------------------

@@ -274,14 +274,6 @@ def test_it_turns_into_a_current(boat: Path, drift: list[float]) -> None:
     assert np.abs(error[time >= 100.0] - np.linalg.norm(drift) / 0.2).max() < 3.0
 
 
-@pytest.mark.parametrize("boat", BOATS)
-def test_it_follows_a_target_that_moves(boat: Path) -> None:
-    """At 0.4 m/s it is left behind by 0.4 / k = 2 m."""
-    motion = {"kind": "waypoints", "points": [[-20, -60]], "speed": 0.4, "pull": 1}
-    time, error = errors(make_run(boat, [-20.0, 0.0], target_motion=motion))
-    assert error[time >= 75.0].max() < 2.0 + 3.0
-
-
 def test_a_weak_astern_is_no_worse_than_none(tmp_path: Path) -> None:
     _, error = errors(make_run(skiff_with(tmp_path, -50.0), [0.0, 30.0], end=60.0))
     assert error[-1] < 3.0

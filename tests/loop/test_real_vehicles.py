@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import HandPoint, ThrustVector
-from tests.builders import BOATS, LAG, MULTIROTORS, POWERED, REAL, build_scenario, pursuit, turn, yaws
+from tests.builders import BOATS, LAG, MULTIROTORS, POWERED, REAL, build_scenario, turn, yaws
 from tests.loop.one_vehicle import alone, ask, attitude, body, yaw_of
-from tests.running import run_physics
 
 GRAVITY = 9.81
 
@@ -173,33 +172,6 @@ def test_the_hand_point_moves_at_w_plus_g_u_at_low_speed_too(angle: float) -> No
     R = Rotation.from_euler("z", yaw_of(world)).as_matrix()
     u = world.data.ctrl[thrusters]
     np.testing.assert_allclose(w + vehicle.reduced_model().g(R) @ u, measured, atol=5e-4)
-
-
-def test_the_hand_point_follows_a_target_while_the_hull_turns() -> None:
-    """A target on a circle of 8 m at 1 m/s: the bow stays as far behind as the first-order law alone would.
-
-    q' = -k (q - p) lags p by |p'| / sqrt(k^2 + Omega^2).
-    """
-    rate, radius, gain = 0.125, 8.0, 0.5
-    motion = {"kind": "lissajous", "amplitude": [radius] * 2, "rate": [rate] * 2, "phase": [0, -np.pi / 2]}
-    scenario = pursuit(
-        [0, -9],
-        [0, -8],
-        {"vehicle": "otter"},
-        time={"end": 120.0},
-        controller={"gain": gain, "control_period": 0.05},
-        target_motion=motion,
-        physics={"timestep": 0.002},
-    )
-    run = run_physics(scenario.system)
-    late = run.time > 40.0
-    apart = np.linalg.norm(run.positions[late, 0] - run.positions[late, 1], axis=1)
-    theory = rate * radius / np.hypot(gain, rate)
-    assert np.abs(apart / theory - 1).max() < 0.1
-    w, z = run.log.quaternions[late, 0, 0], run.log.quaternions[late, 0, 3]
-    turned = np.ptp(np.unwrap(2 * np.arctan2(z, w)))
-    assert turned == pytest.approx(rate * (run.time[late][-1] - run.time[late][0]), rel=0.01)
-    assert turned > 2 * np.pi
 
 
 # -- on the water ------------------------------------------------------------------------------------------------------

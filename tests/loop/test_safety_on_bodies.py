@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import Scenario, Session, load_scenario, simulate
+from mjsheaf import Scenario, Session, simulate
 from mjsheaf.loop.linear import HeldPoint, linearise, step_responses
 from mjsheaf.vehicles.loading import list_vehicles
+from tests.builders import build_scenario
 
 PASSIVE = {"buoy"}
 PLANAR = ["hull", "otter", "otter_rudder", "wamv", "wamv_azimuth"]
@@ -34,35 +35,37 @@ def places(rng: np.random.Generator, n: int, dimension: int) -> Any:
     return np.array(found)
 
 
-def exchange(seed: int) -> dict[str, Any]:
+def exchange(seed: int) -> Scenario:
     """A team of random vehicles, each on its way to a random place."""
     rng = np.random.default_rng(seed)
     dimension, n = int(rng.integers(2, 4)), int(rng.integers(4, 11))
     kinds = rng.choice(PLANAR if dimension == 2 else SPATIAL, n)
     starts, goals = places(rng, n, dimension), places(rng, n, dimension)
-    agents = [
-        {
-            "id": f"A{k}",
+    agents = {
+        f"A{k}": {
             "position": starts[k].tolist(),
             "velocity_limit": float(rng.uniform(0.5, 2.0)),
             "vehicle": str(kinds[k]),
             "heading": float(rng.uniform(-180.0, 180.0)),
         }
         for k in range(n)
-    ]
-    return {
-        "name": "exchange",
-        "time": {"end": 60.0},
-        "controller": {"gain": 0.3, "control_period": float(rng.choice([0.02, 0.05, 0.1]))},
-        "agents": agents,
-        "anchors": [{"agent": f"A{k}", "axes": list("xyz"[:dimension]), "value": goals[k].tolist()} for k in range(n)],
-        "safety": {
-            "distance": "size",
-            "rate": float(rng.choice([0.3, 1.0])),
-            "tie_break": str(rng.choice(["none", "right_hand"])),
-            "authority": str(rng.choice(["equal", "by_speed"])),
-        },
     }
+    period = float(rng.choice([0.02, 0.05, 0.1]))
+    safety = {
+        "distance": "size",
+        "rate": float(rng.choice([0.3, 1.0])),
+        "tie_break": str(rng.choice(["none", "right_hand"])),
+        "authority": str(rng.choice(["equal", "by_speed"])),
+    }
+    return anchored(agents, goals.tolist(), time=60.0, law={"gain": 0.3, "control_period": period}, safety=safety)
+
+
+def anchored(agents: dict[str, Any], goals: list[Any], time: float, law: dict[str, Any], safety: Any) -> Scenario:
+    """A team whose agents are each anchored at a place."""
+    anchors = [
+        {"agent": id, "axes": list("xyz"[: len(goal)]), "value": goal} for id, goal in zip(agents, goals, strict=True)
+    ]
+    return build_scenario(agents, {}, [], anchors=anchors, time={"end": time}, controller=law, safety=safety)
 
 
 def test_every_vehicle_takes_part() -> None:
@@ -72,7 +75,7 @@ def test_every_vehicle_takes_part() -> None:
 @pytest.mark.slow(first=True)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_pair_touches(seed: int) -> None:
-    scenario = load_scenario(exchange(seed))
+    scenario = exchange(seed)
     run = simulate(scenario, engine="fused", threads=1)
     assert run.status == "finished"
     x = np.nan_to_num(run.agent_position.values)
@@ -85,16 +88,9 @@ def test_no_pair_touches(seed: int) -> None:
 def alone(vehicle: str, speed: float) -> Scenario:
     """One vehicle that keeps a distance."""
     place = [0.0, 0.0] if vehicle in PLANAR else [0.0, 0.0, 40.0]
-    return load_scenario(
-        {
-            "name": "stop",
-            "time": {"end": 30.0},
-            "controller": {"gain": 0.5, "control_period": 0.05},
-            "agents": [{"id": "A", "position": place, "velocity_limit": speed, "vehicle": vehicle}],
-            "anchors": [{"agent": "A", "axes": list("xyz"[: len(place)]), "value": place}],
-            "safety": {"distance": 1.0},
-        }
-    )
+    agent = {"position": place, "velocity_limit": speed, "vehicle": vehicle}
+    law = {"gain": 0.5, "control_period": 0.05}
+    return anchored({"A": agent}, [place], time=30.0, law=law, safety={"distance": 1.0})
 
 
 @pytest.mark.slow
