@@ -19,15 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from mjsheaf import World, simulate
 from mjsheaf.arrays import Array
-from mjsheaf.errors import InputError
-from mjsheaf.loop.bodies import pack_fleet
 from mjsheaf.loop.linear import HeldPoint, linearise
 from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
-from mjsheaf.vehicles.effects import Effects, embody
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full
-from tests.builders import Edit, altered, known, pursuit, setting
-from tests.loop.one_vehicle import alone, ask, attitude, body, least_thrust, place, wanted_force
+from tests.builders import altered, known, pursuit
+from tests.loop.one_vehicle import alone, ask, attitude, body, least_thrust, mean_delay, place, wanted_force
 
 NAME = "wamv_azimuth"
 PUSH = 2353.5  # N
@@ -49,14 +46,10 @@ def wrench(world: World) -> Array:
     return np.asarray(vehicle.W @ efforts(commands))
 
 
-def swivel(name: str = "thruster_port", **fields: Any) -> dict[str, Any]:
-    """Read the description of an azimuthing engine."""
-    return {name: {"kind": "azimuth", "angle": [-90, 90], "rate": 60} | fields}
-
-
 def both(**fields: Any) -> dict[str, Any]:
-    """The same of both, each written out: YAML must not say that they are one."""
-    return copy.deepcopy(swivel(**fields)) | swivel("thruster_starboard", **fields)
+    """The description of both engines, each written out: YAML must not say that they are one."""
+    sides = ("thruster_port", "thruster_starboard")
+    return {name: copy.deepcopy({"kind": "azimuth", "angle": [-90, 90], "rate": 60} | fields) for name in sides}
 
 
 # -- what it is --------------------------------------------------------------------------------------------------------
@@ -165,15 +158,6 @@ def test_rounding_does_not_turn_it() -> None:
         assert aimed(channels, 0.0, size, 0.2)[1] - 0.2 == pytest.approx(0.01 * share, rel=1e-6, abs=1e-16)
 
 
-@pytest.mark.parametrize("limits", [True, False])
-def test_the_dead_band_is_small_against_thrust_or_weight(limits: bool) -> None:
-    vehicle = load_vehicle(NAME)
-    vehicle = vehicle if limits else embody(vehicle, Effects(limits=False))
-    channels = pack_fleet([vehicle], np.zeros(1), 0.01).channels
-    expected = PUSH if limits else 9.81 * vehicle.mass
-    np.testing.assert_allclose(channels["dead_band"], 1e-6 * expected)
-
-
 # -- in the world ------------------------------------------------------------------------------------------------------
 
 
@@ -213,18 +197,6 @@ def test_mujoco_pushes_along_the_angle() -> None:
         expected = np.concatenate([attitude(world) @ made[:3], made[3:]])
         np.testing.assert_allclose(world.data.qfrc_actuator[dof], expected, atol=1e-9)
         np.testing.assert_allclose(world.data.actuator_force[own], state.ravel(), atol=1e-9)
-
-
-def mean_delay(world: World, before: Any, after: Any) -> float:
-    """Time less way in units of the change of speed, after a step from one velocity to another."""
-    ask(world, before)
-    world.step(30_000)
-    change = np.subtract(after, before)
-    start = world.positions()[0, :2]
-    ask(world, after)
-    world.step(15_000)
-    way = world.positions()[0, :2] - start - 15.0 * np.asarray(before)
-    return float(15.0 - way @ change / (change @ change))
 
 
 @pytest.mark.slow
@@ -341,30 +313,3 @@ def test_its_loop_is_linear_in_a_current_and_not_at_rest(name: str, current: lis
     # Held, a velocity command of 1 along each axis ends as that velocity.
     steady = model.C @ np.linalg.solve(np.eye(len(model.A)) - model.A, model.B) + model.D
     np.testing.assert_allclose(steady / 0.005, np.eye(2), atol=error)
-
-
-# -- what is refused ---------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("edit", "actuators", "message"),
-    [
-        (None, {"pod": swivel()["thruster_port"]}, r"actuators\.pod .*thruster_port"),
-        (None, swivel(angle=[90, -90]), r"actuators\.thruster_port: angle: expected the lowest, then the highest"),
-        (None, swivel(angle=[-400, 0]), r"actuators\.thruster_port: angle: .* -360 to 360"),
-        (None, swivel(angle=[0]), r"actuators\.thruster_port\.angle: "),
-        (None, swivel(rate=0), r"actuators\.thruster_port\.rate: .*above 0"),
-        (None, swivel(kind="wing"), r"actuators\.thruster_port\.kind: .*azimuth"),
-        (None, swivel(reach=1), r"actuators\.thruster_port\.reach: unknown field; expected angle, kind, lag, rate"),
-        (
-            setting("default/default[@class='thruster']/site", zaxis="0 1 1"),
-            swivel(),
-            r"actuators\.thruster_port: expected a horizontal thrust",
-        ),
-    ],
-)
-def test_descriptions_that_cannot_work_are_refused(
-    edit: Edit | None, actuators: dict[str, Any], message: str, tmp_path: Path
-) -> None:
-    with pytest.raises(InputError, match=message):
-        load_vehicle(altered(tmp_path, NAME, edit, actuators=actuators))

@@ -102,7 +102,7 @@ def test_a_fully_actuated_vehicle_comes_to_the_ideal_run_as_tau_goes_to_zero(nam
 def test_given_targets_make_the_same_run(runner: Any, period: float) -> None:
     """The run's own targets, given back: all as it was, bit for bit; others, and only their followers' runs differ.
 
-    One of them is at its hand point.
+    One of them is at its hand point. The run ends with the last given target.
     """
     system = mixed_scenario(
         targets=list_members({"diver": [1, 1, -2], "ship": {"position": [-3, 2], "vehicle": "otter"}}, heading=30),
@@ -118,15 +118,6 @@ def test_given_targets_make_the_same_run(runner: Any, period: float) -> None:
     np.testing.assert_allclose(shifted.positions[1:, N:], other[1:], rtol=0, atol=0 if runner is run_ideal else 1e-12)
     assert (np.abs(shifted.positions[-1, :N] - run.positions[-1, :N]).max(axis=1) > 0.01).all()
 
-
-def test_a_run_ends_with_the_last_given_target() -> None:
-    system = mixed_scenario().system
-    N = len(system.team.agents)
-    whole = run_ideal(system)
-    for runner in (run_ideal, run_physics):
-        short = runner(system, targets=whole.positions[:31, N:])
-        assert len(short.time) == len(short.positions) == 31
-        assert short.status == "finished"
-        assert short.time[-1] == whole.time[30]
-        long = runner(system, targets=np.concatenate([whole.positions[:, N:]] * 2))
-        assert len(long.time) == len(whole.time)
+    short = runner(system, targets=run.positions[:31, N:])
+    assert (len(short.time), len(short.positions), short.status) == (31, 31, "finished")
+    assert len(runner(system, targets=np.concatenate([other] * 2)).time) == len(run.time)

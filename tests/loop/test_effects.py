@@ -73,19 +73,13 @@ def test_an_effect_that_is_off_changes_its_own_fields_alone(name: str, effect: s
 
 @pytest.mark.parametrize("name", REAL)
 def test_without_limits_thrusters_push_as_hard_as_asked(name: str) -> None:
-    limited, free = alone(name), alone(name, limits=False)
-    n = limited.arena.vehicles[0].dimension
-    for world in (limited, free):
-        ask(world, [30.0, 0.0, 0.0][:n])
-        world.step(1_000)
-    low, high = limited.arena.vehicles[0].limits.T
-    thrusters = body(free)[3]
-    assert (limited.data.actuator_force[thrusters] <= high + 1e-9).all()
-    assert (limited.data.actuator_force[thrusters] >= low - 1e-9).all()
+    vehicle, free = load_vehicle(name), alone(name, limits=False)
+    ask(free, [30.0, 0.0, 0.0][: vehicle.dimension])
+    free.step(1_000)
+    force, (low, high) = free.data.actuator_force[body(free)[3]], vehicle.limits.T
     assert np.isinf(free.arena.vehicles[0].limits).all()
-    assert (free.data.actuator_force[thrusters] > high).any() or (free.data.actuator_force[thrusters] < low).any()
+    assert (force > high).any() or (force < low).any()
     assert free.saturation()[0] == 0.0
-    assert free.data.qvel[0] > 1.2 * limited.data.qvel[0]
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -159,19 +153,6 @@ def test_without_inertia_a_heading_is_held_as_before(name: str) -> None:
         seen.append(record)
     np.testing.assert_allclose(seen[1], seen[0], atol=0.1)
     assert abs(seen[0][-1]) < 0.6
-
-
-@pytest.mark.parametrize("name", ["quadrotor", "x500"])
-def test_with_full_actuation_a_quadrotor_goes_sideways_level(name: str) -> None:
-    for underactuation in (True, False):
-        world = alone(name, heading=40, underactuation=underactuation)
-        ask(world, [0.8, -0.5, 0.3])
-        tilts = []
-        for _ in range(100):
-            world.step(50)
-            tilts.append(np.degrees(np.hypot(*attitude(world)[:2, 2])))
-        assert max(tilts) > 2.0 if underactuation else max(tilts) < 0.05
-        np.testing.assert_allclose(world.data.qvel[body(world)[2]][:3], [0.8, -0.5, 0.3], atol=2e-3)
 
 
 @pytest.mark.parametrize("name", ["quadrotor", "x500", "otter"])

@@ -96,9 +96,7 @@ def test_a_fixed_target_stays_when_agents_are_lost_and_join() -> None:
     agents = list_members({"B": [0, 0], "C": [9, 9], "D": [0, 0, 9]})
     sensing = [["B", "S"], ["C", "S"], ["D", "U"]]
     scenario = team({"kind": "fixed"}, STEADY, events=events, agents=agents, sensing=sensing)
-    assert [phase.system.waiting is not None for phase in scenario.phases] == [True] * 4
     assert (excursion(scenario, backend="ideal") == 0.0).all()
-    assert all(phase.system.remaining.waiting is None for phase in scenario.phases)
 
 
 @pytest.mark.slow

@@ -188,26 +188,9 @@ def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
 # -- on the water ----------------------------------------------------------------------------------------------------
 
 
-def boat(height: float = 0.0) -> World:
-    return World(pursuit([0, 0], [0, 0], {"heading": 20}, scene={"surface": "water", "height": height}))
-
-
-@pytest.mark.parametrize("height", [0.0, 2.5])
-def test_a_boat_floats_and_rights_itself(height: float) -> None:
-    world = boat(height)
-    world.step(100)
-    np.testing.assert_allclose(world.heights()[0], height, atol=1e-9)
-    level = attitude(world)
-    world.data.qpos[body(world)[1]][2] += 0.4
-    turn(world, 0, level @ Rotation.from_euler("xy", [0.5, -0.3]).as_matrix())
-    world.step(6000)
-    np.testing.assert_allclose(world.heights()[0], height, atol=1e-6)
-    np.testing.assert_allclose(attitude(world), level, atol=1e-6)
-
-
 def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
     """m z'' = -D z' - K z and I phi'' = -c phi' - k phi, from rest, for small angles."""
-    world = boat()
+    world = World(pursuit([0, 0], [0, 0], {"heading": 20}, scene={"surface": "water"}))
     description = load_vehicle("hull").description
     assert description.hydrostatics is not None
     vehicle, floats = world.arena.vehicles[0], description.hydrostatics

@@ -18,11 +18,12 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World, load_scenario, simulate, simulate_many
 from mjsheaf.arrays import Array
 from mjsheaf.comparing.compare import compare
-from mjsheaf.compile.jit import user_jit
+from mjsheaf.compile.jit import on_stack, user_jit
+from mjsheaf.compile.tiers import _as_records, in_python
 from mjsheaf.errors import InputError, MjsheafError
+from mjsheaf.loop import block
 from mjsheaf.loop.block import advance_lanes
-from mjsheaf.loop.bodies import pack_fleet
-from mjsheaf.loop.engine import new_log
+from mjsheaf.loop.engine import Log, new_log
 from mjsheaf.loop.fused import Fused, advance
 from mjsheaf.loop.loop import NEVER
 from mjsheaf.loop.mujoco_engine import apply_forces
@@ -221,17 +222,36 @@ def test_a_vehicle_in_lanes_moves_as_it_does_alone(components: int, tmp_path: Pa
     assert compared > 20
 
 
-def test_lanes_are_of_fleets_with_enough_neighbours_of_one_kind() -> None:
-    hull, aerial = load_vehicle("hull"), load_vehicle("aerial")
-    for team, lanes in (
-        ([hull] * 7, ()),
-        ([hull] * 8, (16,)),
-        ([hull, aerial] * 8, ()),
-        ([hull, hull, aerial, aerial] * 4, ()),
-        ([hull, aerial, aerial, aerial] * 3, (16,)),
-    ):
-        assert pack_fleet(team, np.zeros(len(team)), 0.002, in_lanes=True).lanes == lanes
-        assert pack_fleet(team, np.zeros(len(team)), 0.002).lanes == ()
+@pytest.mark.long
+def test_lanes_beyond_the_last_boat_have_no_undefined_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Undefined numbers there would take the whole block through the efforts beyond limits."""
+    waves = {"kind": "jonswap", "significant_height": 1.0, "peak_period": 4.0, "components": 5}
+    scenario = build_scenario(
+        {f"A{k}": {"position": [9.0 * k, 1.0], "vehicle": "wamv"} for k in range(3)},
+        {},
+        [],
+        anchors=[{"agent": f"A{k}", "axes": ["x", "y"], "value": [9.0 * k, 1.0]} for k in range(3)],
+        flow={"water": {"dimension": 2, "drift": [0.3, 0.1], "waves": waves}},
+        controller={"gain": 1.0, "control_period": 0.02},
+    )
+    blocks = []
+
+    def keep(dtype: np.dtype[np.void]) -> Any:
+        blocks.append(on_stack(dtype))
+        return blocks[-1]
+
+    monkeypatch.setattr(block, "on_stack", keep)
+    fused = Fused(scenario.phases)
+    nothing = Log(*(np.empty((0,) * values.ndim) for values in fused._unrecorded.log[:-1]))
+    arguments = _as_records((fused._loop, fused._rigid, 0, 3, 0, 1, nothing, -1, fused._bad))
+    assert in_python(block.advance_lanes)(*arguments)
+    compared = 0
+    for each in blocks:
+        for rows in vars(each).values():
+            for one, other in zip(rows[..., 0].ravel(), rows[..., 3].ravel(), strict=True):
+                assert one == other
+                compared += one is not None
+    assert compared > 60
 
 
 # -- runs --------------------------------------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ import pytest
 from mjsheaf import World
 from mjsheaf.errors import InputError
 from mjsheaf.law.law import pack_law
-from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, Worlds
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.runs.simulate import stream
@@ -36,10 +35,6 @@ def test_a_team_that_changes_half_way(backend: Any, period: float) -> None:
     system = mixed_scenario(time={"end": 0.4}, controller={"gain": 8.0, "control_period": period}).system
     other = without_an_edge(system)
     whole = run(system)
-    same = [Phase(0, system), Phase(20, system)]
-    together = {name: np.concatenate([getattr(p.log, name) for p in pieces(same, 7)]) for name in Log._fields}
-    for name in Log._fields:
-        np.testing.assert_array_equal(together[name], getattr(whole.log, name), err_msg=name)
     changed = list(pieces([Phase(0, system), Phase(20, other)], 1000))
     assert [len(piece.time) for piece in changed] == [20, 21]
     assert [piece.system.team for piece in changed] == [system.team, other.team]

@@ -11,7 +11,7 @@ from mjsheaf import World
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import HandPoint, ThrustVector
 from tests.builders import BOATS, LAG, MULTIROTORS, POWERED, REAL, build_scenario, turn, yaws
-from tests.loop.one_vehicle import alone, ask, attitude, body, yaw_of
+from tests.loop.one_vehicle import alone, ask, attitude, body, mean_delay, yaw_of
 
 GRAVITY = 9.81
 
@@ -73,52 +73,31 @@ def test_a_boat_floats_upright_at_its_draft(name: str) -> None:
 # -- velocity commands -------------------------------------------------------------------------------------------------
 
 
-def mean_delay(name: str, axis: int) -> tuple[float, float, float]:
-    """Return the delay of the velocity along a body axis after a small step: measured, of the reduced model, of theory.
-
-    The integral of 1 - v / v_end, so the time less the way in units of v_end. Theory: momentum takes M v, and force
-    that is delayed (by the thrusters' lag, or the attitude's 2 zeta / omega where thrust must be turned) its delay
-    times D v; both are made up for by M k_v + D.
-    """
-    seconds, speed = 15, 1e-3
-    world = alone(name, heading=40)
-    vehicle = body(world)[0]
-    if name in BOATS:  # the others hover from the first moment
-        world.step(30_000)
-    start, R = world.positions()[0], attitude(world)
-    direction = np.array([np.cos(yaw_of(world)), np.sin(yaw_of(world)), 0.0]) if axis == 0 else None
-    if direction is None:
-        direction = np.array([-np.sin(yaw_of(world)), np.cos(yaw_of(world)), 0.0]) if axis == 1 else R[:, 2]
-    ask(world, speed * direction)
-    world.step(1000 * seconds)
-    way = world.positions()[0] - start
-    world.step(1000)
-    end = float((world.positions()[0] - start - way) @ direction)
-    assert end == pytest.approx(speed, rel=5e-3)  # the Otter's trim makes it lose .2 %
-    measured = seconds - float(way @ direction) / end
-
-    tau = float(vehicle.reduced_model().tau[axis])
-    turned = isinstance(vehicle.steering, HandPoint) and axis == 1
-    D = vehicle.angular_drag[2] if turned else vehicle.drag[axis]
-    M = vehicle.inertia[2, 2] + vehicle.added_mass[5] if turned else vehicle.mass + vehicle.added_mass[axis]
-    late = LAG[name]
-    if isinstance(vehicle.steering, ThrustVector) and axis < 2:
-        hold = vehicle.hold
-        late = 2.0 * hold.damping / hold.frequency
-    return measured, tau, (M + late * D) / (M * vehicle.rate + D)
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("axis", [0, 1, 2], ids=["surge", "sway", "heave"])
 @pytest.mark.parametrize("name", REAL)
 def test_a_velocity_step_is_followed_with_the_time_constant_of_the_reduced_model(name: str, axis: int) -> None:
-    """Its mean delay is tau, which is M / (M k_v + D) and what lag adds to it."""
+    """Along a body axis, its mean delay is tau, which is M / (M k_v + D) and what lag adds to it.
+
+    Momentum takes M v, and force that is delayed (by the thrusters' lag, or the attitude's 2 zeta / omega where thrust
+    must be turned) its delay times D v; both are made up for by M k_v + D.
+    """
     if axis == 2 and name in BOATS:
         pytest.skip("a boat is not controlled in heave")
-    measured, tau, theory = mean_delay(name, axis)
-    assert measured == pytest.approx(theory, rel=0.01)
-    assert tau == pytest.approx(theory, rel=1e-9)
+    world = alone(name, heading=40)
+    vehicle = body(world)[0]
+    turned = isinstance(vehicle.steering, HandPoint) and axis == 1
+    D = vehicle.angular_drag[2] if turned else vehicle.drag[axis]
+    M = vehicle.inertia[2, 2] + vehicle.added_mass[5] if turned else vehicle.mass + vehicle.added_mass[axis]
+    late = LAG[name]
+    if isinstance(vehicle.steering, ThrustVector) and axis < 2:
+        late = 2.0 * vehicle.hold.damping / vehicle.hold.frequency
+    theory = (M + late * D) / (M * vehicle.rate + D)
+    assert vehicle.reduced_model().tau[axis] == pytest.approx(theory, rel=1e-9)
+    world.step(30_000)
+    direction = Rotation.from_euler("z", yaw_of(world)).as_matrix()[:, axis]
+    assert mean_delay(world, np.zeros(3), 1e-3 * direction) == pytest.approx(theory, rel=0.01)
 
 
 @pytest.mark.parametrize("name", POWERED)
@@ -172,9 +151,6 @@ def test_the_hand_point_moves_at_w_plus_g_u_at_low_speed_too(angle: float) -> No
     R = Rotation.from_euler("z", yaw_of(world)).as_matrix()
     u = world.data.ctrl[thrusters]
     np.testing.assert_allclose(w + vehicle.reduced_model().g(R) @ u, measured, atol=5e-4)
-
-
-# -- on the water ------------------------------------------------------------------------------------------------------
 
 
 # -- symmetry ----------------------------------------------------------------------------------------------------------

@@ -57,16 +57,6 @@ def test_wrenches_are_those_of_the_thrusters_in_the_file(name: str) -> None:
     assert vehicle.dimension == (2 if name == "hull" else 3)
 
 
-def test_inertia_is_about_the_origin_of_the_frame(tmp_path: Path) -> None:
-    """The parallel-axis theorem, for a centre of mass that is elsewhere."""
-    shift = np.array([0.2, -0.1, 0.3])
-    edit = setting(".//inertial", pos=".2 -.1 .3")
-    vehicle, plain = load_vehicle(altered(tmp_path, "aerial", edit)), load_vehicle("aerial")
-    np.testing.assert_allclose(vehicle.centre_of_mass, shift, atol=1e-14)
-    moved = plain.mass * (shift @ shift * np.eye(3) - np.outer(shift, shift))
-    np.testing.assert_allclose(vehicle.inertia, plain.inertia + moved, atol=1e-12)
-
-
 def require_right_inverse(vehicle: Vehicle) -> None:
     """Require g g^+ = I, and that the commands g^+ v push with R D R^T v and turn the body in no direction.
 
@@ -155,6 +145,21 @@ def still_yaw(name: str) -> dict[str, Any]:
     return {**drag, "angular": [*drag["angular"][:2], 0.0]}
 
 
+def pod(**fields: Any) -> dict[str, Any]:
+    """An azimuthing engine."""
+    return {"actuators": {"thruster_port": {"kind": "azimuth", "angle": [-90, 90], "rate": 60} | fields}}
+
+
+def blade(name: str = "propeller", **fields: Any) -> dict[str, Any]:
+    """A rudder."""
+    whole = {"kind": "rudder", "angle": 35, "rate": 40, "behind": 0.2, "diameter": 0.25, "area": 0.03, "span": 0.2}
+    return {"actuators": {name: {**whole, "slipstream": 0.5, **fields}}}
+
+
+def windage(**fields: Any) -> dict[str, Any]:
+    return {"windage": {"area": [1, 2], "coefficients": [0.5, 0.7, 0.1], "height": 1} | fields}
+
+
 TILTING = adding((".//body", '<joint name="tilt" type="hinge"/>'))
 ADHERING = adding(("actuator", '<adhesion body="body" gain="1"/>'))
 AFFINE, MUSCULAR = setting("actuator/*", biastype="affine"), setting("actuator/*", dyntype="muscle")
@@ -162,7 +167,9 @@ AGROUND = adding(("worldbody", '<geom name="ballast" size="1"/>'))
 WEAK = setting(".//default[@class='thruster']/general", ctrlrange="0 3")
 FLOATS = {"heave": 1, "roll": 1, "pitch": 1}
 ONE_ROW_LESS = "cannot produce every required wrench"
-REFUSED: list[tuple[Any, ...]] = [  # a vehicle, an edit of its MJCF or fields of its description, what the error names
+CLASS = "default/default[@class='thruster']"
+NOT_AHEAD = "actuators.propeller: a rudder needs a propeller with a thrust straight ahead of 1 N"
+REFUSED: list[tuple[Any, ...]] = [  # a vehicle, an edit of its MJCF and fields of its description, what the error names
     ("hull", TILTING, "hull.xml: joint 'tilt' of body 'body'", "a vehicle must have no joints"),
     ("hull", ADHERING, "hull.xml: an actuator acts on body 'body'", "every actuator must act on a site"),
     ("hull", AFFINE, "hull.xml: actuator 'thruster_bow_port'", "biastype is affine", "expected none"),
@@ -199,12 +206,34 @@ REFUSED: list[tuple[Any, ...]] = [  # a vehicle, an edit of its MJCF or fields o
     ("wamv", {"added_mass": [1, 2, 3, 4, 5, -6]}, "added_mass.5"),
     ("wamv", {"autopilot": {"rate": 0}}, "autopilot.rate", 0),
     ("wamv", {"attitude": None}, "wamv.yaml", "attitude"),
+    ("wamv_azimuth", {"actuators": {"pod": pod()["actuators"]["thruster_port"]}}, "actuators.pod", "thruster_port"),
+    ("wamv_azimuth", pod(angle=[90, -90]), "actuators.thruster_port: angle: expected the lowest, then the highest"),
+    ("wamv_azimuth", pod(angle=[-400, 0]), "actuators.thruster_port: angle", "-360 to 360"),
+    ("wamv_azimuth", pod(angle=[0]), "actuators.thruster_port.angle"),
+    ("wamv_azimuth", pod(rate=0), "actuators.thruster_port.rate", "above 0"),
+    ("wamv_azimuth", pod(kind="wing"), "actuators.thruster_port.kind", "azimuth"),
+    ("wamv_azimuth", pod(reach=1), "thruster_port.reach: unknown field; expected angle, kind, lag, rate"),
+    ("wamv_azimuth", (setting(f"{CLASS}/site", zaxis="0 1 1"), pod()), "expected a horizontal thrust"),
+    ("submersible", blade("x"), "a rudder steers a vehicle on the surface"),
+    ("otter_rudder", (setting(f"{CLASS}/site", zaxis="1 1 0"), blade()), NOT_AHEAD),
+    ("otter_rudder", (setting(f"{CLASS}/general", gainprm="2"), blade()), NOT_AHEAD),
+    ("otter_rudder", blade(area=3.0, span=5.0), "propeller: its drag at full deflection exceeds the thrust"),
+    ("otter_rudder", blade(angle=90), "actuators.propeller.angle", "below 90"),
+    ("otter_rudder", blade(slipstream=0), "actuators.propeller.slipstream", "above 0"),
+    ("otter_rudder", {"actuators": {"propeller": {"kind": "rudder"}}}, "actuators.propeller.angle: missing"),
+    ("otter_rudder", blade(fin=1), "actuators.propeller.fin: unknown field"),
+    ("x500", windage(), "windage is that of a vehicle on the surface"),
+    ("otter", windage(area=[1, 0]), "windage.area"),
+    ("otter", windage(area=[1]), "windage.area"),
+    ("otter", windage(coefficients=[0.5, -0.7, 0.1]), "windage.coefficients"),
+    ("otter", {"windage": {"area": [1, 2], "coefficients": [0.5, 0.7, 0.1]}}, "windage.height"),
+    ("otter", windage(length=0), "windage.length"),
 ]
 
 
 @pytest.mark.parametrize(("name", "change", "named"), [(name, change, named) for name, change, *named in REFUSED])
 def test_wrong_vehicle_files_are_refused(name: str, change: Any, named: list[Any], tmp_path: Path) -> None:
-    edit, description = (change, {}) if callable(change) else (None, change)
+    edit, description = change if isinstance(change, tuple) else (change, {}) if callable(change) else (None, change)
     with refused(InputError, *named):
         load_vehicle(altered(tmp_path, name, edit, **description))
 
