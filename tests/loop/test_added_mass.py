@@ -125,15 +125,3 @@ def test_accelerations_solve_the_equations_of_motion(name: str, seed: int) -> No
     found = np.concatenate([R.T @ qacc[:3] - np.cross(nu[3:], nu[:3]), qacc[3:]])
     expected = acceleration(vehicle, R, world.data.qpos[qpos][2], nu, thrust)
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", BODIES[:2])
-def test_a_boat_that_is_all_added_mass_stays_stable(name: str, tmp_path: Path) -> None:
-    """With added mass of a hundred times the mass, feeding -M_A a back as a force would diverge at once."""
-    heavy = (100.0 * load_vehicle(name).added_mass).tolist()
-    world = alone(altered(tmp_path, name, added_mass=heavy), drift=[0.5, 0.3, 0.0])
-    vehicle, _, dof, _ = body(world)
-    world.step(20_000)
-    assert np.abs(world.data.qvel[dof]).max() < 1.0
-    assert vehicle.moving_mass[1] > 40 * vehicle.mass

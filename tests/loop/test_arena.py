@@ -93,17 +93,11 @@ EDITS: dict[str, Edit | None] = {
         meshdir="meshes",
         angle="degree",
     ),
-    "world geom": adding(HALO),
-    "second body": adding(  # next to the first geom, with a material of the file
-        (
-            "worldbody",
-            '<body name="second" pos="1 0 .5"><geom name="ball" size=".1" mass="3" material="livery"/></body>',
-        )
-    ),
     "in a frame": in_a_frame,
     "a slash": lambda root: find(root, ".//body").set("name", "A/B"),  # as attached parts have it
     "full inertia": with_full_inertia,
-    "replicas": adding(  # two bodies from one; meshes by a path that is stripped, defaults within defaults
+    "replicas": adding(  # a geom, two bodies from one; meshes by a path that is stripped, defaults within defaults
+        HALO,
         (
             "default",
             """<default class="outer"><geom density="300" size=".2"/>

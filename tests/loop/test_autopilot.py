@@ -5,9 +5,7 @@ largest shares of these that the limits leave, by linear programming.
 """
 
 from pathlib import Path
-from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -19,14 +17,10 @@ from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import MULTIROTORS, REAL, altered
 from tests.loop.one_vehicle import alone, ask, attitude, body, largest_tilt, place, wanted_force, wrench, yaw_of
 from tests.oracles.rigid_body import hold_moment
+from tests.strategies import slow
 
 FULL = ("hexarotor", "wamv")
 POINTING = ("quadrotor", "x500")
-
-
-def slow(*speeds: float) -> list[Any]:
-    """Speeds of slow examples."""
-    return [pytest.param(speed, marks=pytest.mark.slow) for speed in speeds]
 
 
 def asked_wrenches(world: World, velocity: Array) -> list[Array]:
@@ -80,7 +74,7 @@ def within_limits(vehicle: Vehicle, asked: list[Array]) -> tuple[Array, list[flo
     return total, shares
 
 
-@pytest.mark.parametrize("speed", [0.05, *slow(3.0), 100.0])
+@pytest.mark.parametrize("speed", [0.05, slow(3.0), 100.0])
 @pytest.mark.parametrize("name", FULL)
 def test_at_the_limits_weight_goes_before_attitude_and_attitude_before_translation(name: str, speed: float) -> None:
     """W u = weight + s_1 roll and pitch + s_2 yaw + s_3 translation, each s the largest that then fits."""
@@ -177,7 +171,7 @@ def facing(thrust: Array, heading: float) -> Array:
     return (Rotation.from_rotvec(turn) * Rotation.from_rotvec([0, 0, heading])).as_matrix()
 
 
-@pytest.mark.parametrize("speed", [0.2, *slow(4.0), 200.0])
+@pytest.mark.parametrize("speed", [0.2, slow(4.0), 200.0])
 @pytest.mark.parametrize("name", POINTING)
 def test_a_multirotor_with_parallel_rotors_points_weight_and_force(name: str, speed: float, tmp_path: Path) -> None:
     """In the attitude that it wants, its thrust is weight + s F: no less carried, toward where it is asked to go."""
@@ -214,30 +208,6 @@ def test_a_multirotor_with_parallel_rotors_points_weight_and_force(name: str, sp
         np.testing.assert_allclose(wrench(world)[2:], expected, atol=1e-6 * vehicle.weight)
     assert (cut > 0) == (speed > 0.2)
     assert speed < 200.0 or cut == 40
-
-
-@pytest.mark.usefixtures("engine")
-@pytest.mark.parametrize("name", POINTING)
-def test_a_multirotor_leans_to_where_it_is_sent_and_keeps_its_height_and_heading(name: str, tmp_path: Path) -> None:
-    """Sent level at 200 m/s it leans as far as it may, toward there; its weight stays carried."""
-    for bearing in (0.0, 100.0, 215.0):
-        world = alone(altered(tmp_path, name, drag={"linear": [0.6] * 3}), heading=35)
-        vehicle, _, dof, _ = body(world)
-        direction = np.array([np.cos(np.deg2rad(bearing)), np.sin(np.deg2rad(bearing)), 0.0])
-        ask(world, 200.0 * direction)
-        tilts = []
-        for _ in range(30):
-            world.step(100)
-            tilts.append(tilt_of(world))
-        z = attitude(world)[:, 2]
-        assert max(tilts) < largest_tilt(vehicle) + 1.0
-        assert tilts[-1] == pytest.approx(largest_tilt(vehicle), abs=0.1)
-        np.testing.assert_allclose(z[:2] / np.linalg.norm(z[:2]), direction[:2], atol=2e-3)
-        heading = Rotation.from_euler("z", 35, degrees=True).as_matrix()
-        level = facing(z, 0.0).T @ attitude(world)  # the turn that is left once the lean is taken back
-        np.testing.assert_allclose(level, heading, atol=2e-3)
-        assert abs(world.positions()[0, 2]) < 0.5
-        assert world.data.qvel[dof][:3] @ direction > 5.0
 
 
 @pytest.mark.slow(first=True)
@@ -281,16 +251,3 @@ def test_commands_depend_on_the_velocity_through_the_medium_alone(name: str) -> 
         shift = moving.positions()[0] - still.positions()[0]
         np.testing.assert_allclose(shift, (w * still.time)[:3], atol=1e-9)
         np.testing.assert_allclose(moving.quaternions()[0], still.quaternions()[0], atol=1e-9)
-
-
-def test_commands_within_the_limits_are_left_alone() -> None:
-    """Slow ones of every vehicle: W u is the whole of what is asked, as a vehicle without limits would do."""
-    for name in REAL:
-        limited, free = alone(name, heading=10), alone(name, heading=10, limits=False)
-        for world in (limited, free):
-            ask(world, [0.1, -0.05, 0.02][: world.arena.vehicles[0].dimension])
-            world.step(2_000)
-            mujoco.mj_forward(world.model, world.data)
-        assert limited.saturation()[0] == 0.0
-        np.testing.assert_array_equal(limited.data.qpos, free.data.qpos)
-        np.testing.assert_array_equal(limited.data.ctrl, free.data.ctrl)

@@ -12,8 +12,6 @@ from typing import Any
 import networkx as nx
 import numpy as np
 import pytest
-import xarray as xr
-import yaml
 
 import mjsheaf
 from mjsheaf.arrays import Array
@@ -135,13 +133,6 @@ def test_exchange_reaches_neighbours_alone_and_is_counted() -> None:
     np.testing.assert_allclose(command, 1e-3 * step @ np.arange(len(team.agents)), rtol=1e-12)
 
 
-def test_targets_keep_their_own_law() -> None:
-    scenario = mjsheaf.load_scenario("paper", {"time.end": 1.0})
-    still = mjsheaf.simulate(scenario, "ideal", controller=lambda t, sample: np.zeros((13, 3)))
-    ours = mjsheaf.simulate(scenario, "ideal")
-    np.testing.assert_array_equal(still["target_position"].values, ours["target_position"].values)
-
-
 class Failing:
     """Raises for one agent at one time."""
 
@@ -184,7 +175,6 @@ def raising(error: BaseException) -> Any:
         (raising(BaseException("stop")), ["t = 0 s: BaseException: stop"]),
         (lambda t, sample: np.full((3, 3), 1e300), ["<lambda> at t = 0 s", "1.e+300", "boat", "at most 1e+09 m/s"]),
         (lambda t, sample: np.ma.masked_all((3, 3)), ["masked array"]),
-        (lambda t, sample: np.ma.array(np.ones((3, 3)), mask=np.eye(3) > 0), ["masked array"]),
         (lambda t, sample: [np.ma.array(np.ones(3), mask=row) for row in np.eye(3) > 0], ["masked array"]),
         (PerAgent(lambda agent: lambda t, local: np.ma.masked_all(2)), ["boat", "masked array"]),
         (PerAgent(lambda agent: 3), ["boat", "make(agent) returned int"]),  # type: ignore[arg-type,return-value]
@@ -208,11 +198,9 @@ def test_a_law_that_misbehaves_is_named_in_one_line(law: Any, said: list[str], b
 
 def test_what_a_team_has_computed_cannot_be_written_by_a_law() -> None:
     team = mixed_scenario().team
-    names = [name for name in ("present", "slots", "first_state", "remaining") if getattr(team, name) is not None]
-    shown = vars(ReadOnlyTeam(team))
-    for name in names[:3]:
-        with pytest.raises(ValueError, match="read-only"):
-            shown[name].fill(0)
+    for name in ("present", "slots", "first_state"):
+        assert getattr(team, name).flags.writeable
+        assert not vars(ReadOnlyTeam(team))[name].flags.writeable
     assert ReadOnlyTeam(team).remaining is not team
 
 
@@ -257,21 +245,18 @@ def test_a_blow_up_under_a_law_in_python_names_the_law(backend: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "wrong", "said"),
     [
-        (
-            lambda: Controller(Failing),  # type: ignore[arg-type]
-            "Failing is a class; expected an object, such as Failing()",
-        ),
-        (lambda: Controller("law.py:Law"), "not str; load_controller"),  # type: ignore[arg-type]
-        (lambda: PerAgent(None), "PerAgent: expected a callable make(agent)"),  # type: ignore[arg-type]
-        (lambda: load_controller(Path("law.py:Law")), "FILE.py:NAME as a str, not PosixPath"),  # type: ignore[arg-type]
-        (lambda: load_controller(""), "--controller '': expected FILE.py:NAME"),
+        (Controller, Failing, "Failing is a class; expected an object, such as Failing()"),
+        (Controller, "law.py:Law", "not str; load_controller"),
+        (PerAgent, None, "PerAgent: expected a callable make(agent)"),
+        (load_controller, Path("law.py:Law"), "FILE.py:NAME as a str, not PosixPath"),
+        (load_controller, "", "--controller '': expected FILE.py:NAME"),
     ],
 )
-def test_arguments_of_a_wrong_type_are_named(make: Any, said: str) -> None:
+def test_arguments_of_a_wrong_type_are_named(make: Any, wrong: Any, said: str) -> None:
     with pytest.raises(InputError) as error:
-        make()
+        make(wrong)
     assert said in str(error.value)
 
 
@@ -291,47 +276,12 @@ def test_loading_a_law_from_a_file(tmp_path: Any) -> None:
     (tmp_path / "broken.py").write_text("x = 1\nraise ValueError('oh no')\n")
     assert type(load_controller(f"{tmp_path}/mine.py:Mine").law).__name__ == "Mine"
     for source, said in (
-        ("mine.py:Mine", "there is no file mine.py"),
-        (f"{tmp_path}/mine.py", "FILE.py:NAME"),
         (f"{tmp_path}/mine.py:mine", "did you mean Mine"),
         (f"{tmp_path}/broken.py:Law", "ValueError: oh no (broken.py, line 2)"),
     ):
         with pytest.raises(InputError) as error:
             load_controller(source)
         assert said in str(error.value)
-
-
-PAPERS_LAW = """
-class Paper:
-    \"\"\"-k1 eta of each agent.\"\"\"
-
-    def reset(self, team, rng):
-        self.gain = 3.0
-
-    def __call__(self, t, sample):
-        if t > 0.2 and sample.velocity.shape != (3, 3):
-            raise ValueError("unreachable")
-        return -self.gain * sample.disagreement
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_plots")
-def test_a_law_on_the_command_line(tmp_path: Path) -> None:
-    (tmp_path / "law.py").write_text(PAPERS_LAW)
-    fields = yaml.safe_dump(mixed_scenario(**SHORT).model_dump(mode="json", exclude_none=True))
-    (tmp_path / "mixed.yaml").write_text(fields)
-    common: list[str | Path] = ["run", tmp_path / "mixed.yaml", "--backend", "ideal", "--no-video"]
-    assert call(*common, "--out", tmp_path / "own", "--controller", f"{tmp_path}/law.py:Paper") == 0
-    assert call(*common, "--out", tmp_path / "ours") == 0
-    own, ours = (xr.load_dataset(tmp_path / name / "result.nc") for name in ("own", "ours"))
-    np.testing.assert_allclose(own["agent_position"].values, ours["agent_position"].values, rtol=0, atol=1e-9)
-    assert own.attrs["controller"].endswith("law.py:Paper")
-    summary = json.loads((tmp_path / "own" / "summary.json").read_text())
-    assert summary["controller"].endswith("law.py:Paper")
-    assert summary["theorem"]["applies"] is False
-    assert "law of its own" in summary["theorem"]["reason"]
-    assert json.loads((tmp_path / "ours" / "summary.json").read_text())["controller"] is None
 
 
 @pytest.mark.parametrize(
@@ -364,33 +314,11 @@ def test_a_law_that_goes_elsewhere_does_not_take_the_results_along(
     )
     answer = answer_of("run", "midpoint", *IDEAL, "--controller", "wanders.py:law", "--out", "mine")
     assert (answer.code, answer.err) == (0, "")
+    theorem = json.loads((tmp_path / "mine" / "summary.json").read_text())["theorem"]
+    assert theorem["applies"] is False
+    assert "law of its own" in theorem["reason"]
     assert RUN_FILES >= {path.name for path in (tmp_path / "mine").iterdir()} >= {"result.nc", "summary.json"}
     assert Path.cwd() == tmp_path
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("backend", [pytest.param("ideal", marks=pytest.mark.slow), "physics"])
-def test_saving_a_result_writes_what_run_writes(backend: str, tmp_path: Path) -> None:
-    scenario = mixed_scenario(**SHORT)
-    result = mjsheaf.simulate(scenario, backend, controller=lambda t, sample: -3.0 * sample.disagreement)
-    saved = mjsheaf.save(result, tmp_path / "saved", video=False)
-    assert {p.name for p in saved.directory.iterdir()} == RUN_FILES
-    again = xr.load_dataset(tmp_path / "saved" / "result.nc")
-    xr.testing.assert_identical(again, result.drop_attrs(deep=False).assign_attrs(result.attrs))
-    result.to_netcdf(tmp_path / "own.nc", engine="h5netcdf")  # what goes along in memory is no obstacle
-    assert mjsheaf.load_scenario(tmp_path / "saved" / "scenario.yaml").agents == scenario.agents
-    with pytest.raises(InputError, match="scenario"):
-        mjsheaf.save(again, tmp_path / "other")
-    assert not (tmp_path / "other").exists()
-
-
-def test_part_of_a_result_is_not_saved(tmp_path: Path) -> None:
-    result = mjsheaf.simulate(mixed_scenario(**SHORT), "ideal")
-    for part in (result.isel(time=slice(0, 0)), result.drop_vars("tracking_error"), result.isel(agent=[0])):
-        part.encoding = result.encoding
-        with pytest.raises(InputError, match="save: "):
-            mjsheaf.save(part, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import check, simulate
+from mjsheaf import simulate
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import build_scenario
@@ -51,10 +51,3 @@ def test_four_fly_a_square(engine: str) -> None:
     assert (data["agent_saturation"].values == 0.0).all()
     rough = simulate(square(physics={"timestep": 0.02}), engine=engine)
     np.testing.assert_allclose(rough["agent_position"].values[-1], data["agent_position"].values[-1], atol=0.01)
-
-
-@pytest.mark.slow
-def test_check_foresees_how_they_fly() -> None:
-    answer = check(square())
-    assert answer["ok"]
-    assert answer["trial"]["tracking_error"] == pytest.approx(answer["steady"]["bodies"], rel=0.05)

@@ -55,13 +55,7 @@ def differing(one: Vehicle, other: Vehicle) -> set[str]:
 def test_with_all_effects_on_a_vehicle_is_itself(name: str) -> None:
     vehicle = load_vehicle(name)
     assert not differing(embody(vehicle, Effects()), vehicle)
-
-
-@pytest.mark.parametrize("name", [*HAS, *IDEAL])
-def test_what_effects_a_vehicle_has(name: str) -> None:
-    """From its files; the vehicles with ideal thrusters have none."""
-    found = has_effects(load_vehicle(name))
-    assert {effect for effect in CHANGES if getattr(found, effect)} == HAS.get(name, set())
+    assert name not in IDEAL or not any(getattr(has_effects(vehicle), effect) for effect in CHANGES)
 
 
 @pytest.mark.parametrize("effect", CHANGES)
@@ -79,19 +73,13 @@ def test_an_effect_that_is_off_changes_its_own_fields_alone(name: str, effect: s
 
 @pytest.mark.parametrize("name", REAL)
 def test_without_limits_thrusters_push_as_hard_as_asked(name: str) -> None:
-    limited, free = alone(name), alone(name, limits=False)
-    n = limited.arena.vehicles[0].dimension
-    for world in (limited, free):
-        ask(world, [30.0, 0.0, 0.0][:n])
-        world.step(1_000)
-    low, high = limited.arena.vehicles[0].limits.T
-    thrusters = body(free)[3]
-    assert (limited.data.actuator_force[thrusters] <= high + 1e-9).all()
-    assert (limited.data.actuator_force[thrusters] >= low - 1e-9).all()
+    vehicle, free = load_vehicle(name), alone(name, limits=False)
+    ask(free, [30.0, 0.0, 0.0][: vehicle.dimension])
+    free.step(1_000)
+    force, (low, high) = free.data.actuator_force[body(free)[3]], vehicle.limits.T
     assert np.isinf(free.arena.vehicles[0].limits).all()
-    assert (free.data.actuator_force[thrusters] > high).any() or (free.data.actuator_force[thrusters] < low).any()
+    assert (force > high).any() or (force < low).any()
     assert free.saturation()[0] == 0.0
-    assert free.data.qvel[0] > 1.2 * limited.data.qvel[0]
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -150,17 +138,6 @@ def test_without_inertia_a_body_stays_where_trim_has_it(name: str) -> None:
         np.testing.assert_allclose(light.positions()[0], 0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["hexarotor", "wamv"])
-def test_without_inertia_velocity_follows_at_once(name: str) -> None:
-    """In a flow: w + v_c after a few time constants of .02 s."""
-    world = alone(name, drift=[0.3, -0.2, 0.1], inertia=False, lag=False)
-    _, _, dof, _ = body(world)
-    w = np.array([0.3, -0.2, 0.1 if name == "hexarotor" else 0.0])
-    ask(world, [0.4, 0.5])
-    world.step(300)
-    np.testing.assert_allclose(world.data.qvel[dof][:3] - w, [0.4, 0.5, 0.0], atol=1e-3)
-
-
 @pytest.mark.parametrize("name", [*MULTIROTORS, "wamv"])
 def test_without_inertia_a_heading_is_held_as_before(name: str) -> None:
     """The attitude hold's frequency is the same: a yaw of 3 degrees is taken back in the same time."""
@@ -178,42 +155,12 @@ def test_without_inertia_a_heading_is_held_as_before(name: str) -> None:
     assert abs(seen[0][-1]) < 0.6
 
 
-@pytest.mark.parametrize("name", ["quadrotor", "x500"])
-def test_with_full_actuation_a_quadrotor_goes_sideways_level(name: str) -> None:
-    tilts, speeds = [], []
-    for underactuation in (True, False):
-        world = alone(name, heading=40, underactuation=underactuation)
-        _, _, dof, _ = body(world)
-        ask(world, [0.8, -0.5, 0.3])
-        worst = 0.0
-        for _ in range(100):
-            world.step(50)
-            R = attitude(world)
-            worst = max(worst, float(np.degrees(np.hypot(R[0, 2], R[1, 2]))))
-        tilts.append(worst)
-        speeds.append(world.data.qvel[dof][:3].copy())
-    assert tilts[0] > 2.0
-    assert tilts[1] < 0.05
-    np.testing.assert_allclose(speeds, [[0.8, -0.5, 0.3]] * 2, atol=2e-3)
-
-
-def test_with_full_actuation_an_otter_goes_sideways_without_turning() -> None:
-    world = alone("otter", heading=40, underactuation=False)
-    vehicle, _, dof, _ = body(world)
-    assert (vehicle.steering, vehicle.steering.hand) == (Full(), 0.0)
-    left = np.deg2rad(130)
-    ask(world, 0.5 * np.array([np.cos(left), np.sin(left)]))
-    world.step(20_000)
-    np.testing.assert_allclose(world.data.qvel[dof][:2], 0.5 * np.array([np.cos(left), np.sin(left)]), atol=5e-3)
-    assert np.degrees(yaw_of(world)) == pytest.approx(40, abs=1.0)
-
-
 @pytest.mark.parametrize("name", ["quadrotor", "x500", "otter"])
 def test_virtual_thrusters_are_along_every_controlled_axis_as_strong_and_as_slow_as_its_own(name: str) -> None:
     real = load_vehicle(name)
     vehicle = embody(real, Effects(underactuation=False))
     rows = [0, 1, 5] if name in BOATS else list(range(6))
-    assert vehicle.controlled_rows == rows
+    assert (vehicle.steering, vehicle.steering.hand, vehicle.controlled_rows) == (Full(), 0.0, rows)
     np.testing.assert_array_equal(vehicle.W[rows], np.eye(len(rows)))
     forces = vehicle.limits[: vehicle.dimension, 1]
     strongest = {"quadrotor": 4 * 13.0, "x500": 4 * 12.13, "otter": 2 * 119.68}[name]

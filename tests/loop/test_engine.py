@@ -1,9 +1,7 @@
 """MuJoCo's warnings go nowhere, and it reads numbers as they are written, in any locale."""
 
 import locale
-import os
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
@@ -14,6 +12,7 @@ import pytest
 
 from mjsheaf.errors import InputError, UnstableError
 from mjsheaf.mujoco_import import quiet, refusing
+from tests.commands import python
 from tests.loop.one_vehicle import alone
 
 BOX = """<mujoco><asset><mesh name="hull" file="hull.obj"/></asset><worldbody><body name="hull">
@@ -100,11 +99,6 @@ def test_a_mesh_has_its_inertia_under_a_locale_with_decimal_commas(tmp_path: Pat
         "import locale, mjsheaf; locale.setlocale(locale.LC_ALL, 'de_DE.UTF-8'); "
         "print(*(repr(float(x)) for x in mjsheaf.load_vehicle('hull.yaml').inertia.diagonal()))"
     )
-    environment = {**os.environ, "LOCPATH": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
-    )
+    found = np.array(python(code, tmp_path, LOCPATH=str(tmp_path)).stdout.split(), dtype=float)
     a, b, c = 2.5**2, 1.5**2, 1.2**2
-    np.testing.assert_allclose(
-        np.array(done.stdout.split(), dtype=float), [0.5 * (b + c), 0.5 * (a + c), 0.5 * (a + b)], rtol=1e-6
-    )
+    np.testing.assert_allclose(found, [0.5 * (b + c), 0.5 * (a + c), 0.5 * (a + b)], rtol=1e-6)

@@ -1,28 +1,21 @@
 """Events, against runs of smaller teams written out by hand, against the same run without them, and dense algebra."""
 
 import itertools
-from io import StringIO
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 import xarray as xr
-from rich.console import Console
 
-from mjsheaf import check, load_scenario, save, simulate
-from mjsheaf.checking import examine
-from mjsheaf.checking.report import report
+from mjsheaf import check, load_scenario, simulate
 from mjsheaf.errors import InputError, NotUniqueError
-from mjsheaf.loop.system import Phase
 from mjsheaf.results.metrics import check_expectation, summarize, summarize_phases
-from mjsheaf.runs.publish import execute
-from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, VideoOptions, film_of
 from mjsheaf.video.scene import ABSENT, COMMUNICATION, Decorator, owners_of_geoms
-from tests.builders import build_scenario, continued, mixed_scenario
+from tests.builders import build_scenario, continued, mixed_scenario, positions_of
 from tests.oracles.law import disagreement
 from tests.strategies import slow
 
@@ -46,10 +39,6 @@ def chain(count: int, events: list[dict[str, Any]], **fields: Any) -> Scenario:
     return build_scenario(places, {"T1": [3, 3], "T2": [9, 0]}, sensing, **usual | fields)
 
 
-def positions_of(data: xr.Dataset) -> np.ndarray:
-    return np.concatenate([data["agent_position"].values, data["target_position"].values], axis=1)
-
-
 def test_after_a_loss_the_run_is_that_of_the_smaller_team_from_there_on() -> None:
     """The smaller team is written out by hand, its formation with explicit places."""
     whole = mixed_scenario(time={"end": 0.6}, events=[{"time": 0.2, "lose": "boat"}])
@@ -58,7 +47,7 @@ def test_after_a_loss_the_run_is_that_of_the_smaller_team_from_there_on() -> Non
     left = {"agents": raw["agents"][1:], "communication": [["front", "back"]], "sensing": raw["sensing"][1:]}
     smaller = continued(whole, data, 0, **left)
     fresh = simulate(smaller, "ideal")
-    np.testing.assert_allclose(positions_of(data)[:, 1:], positions_of(fresh), rtol=0, atol=1e-12, equal_nan=True)
+    np.testing.assert_allclose(positions_of(data)[:, 1:], positions_of(fresh), rtol=0, atol=1e-12)
     for name in ("disagreement", "tracking_error", "harmonic_extension", "velocity_command"):
         np.testing.assert_allclose(data[name].values[:, 1:], fresh[name].values, rtol=0, atol=1e-11, err_msg=name)
         assert name == "velocity_command" or np.isnan(data[name].values[:, 0]).all()
@@ -208,7 +197,7 @@ def test_cut_restore_lost_targets_and_gains_against_dense_algebra() -> None:
     for k, phase in enumerate(phases):
         edges = [e for j, e in enumerate(plain.communication) if j in left[k]]
         edges += [e for e in plain.sensing if seen[k] or e.head != "ship"]
-        x = np.nan_to_num(positions_of(data)[phase.start])
+        x = positions_of(data)[phase.start]
         eta = disagreement(plain, x, edges)[:3]
         np.testing.assert_allclose(
             np.nan_to_num(data["disagreement_vector"].values[phase.start]), eta, rtol=0, atol=1e-12
@@ -236,33 +225,6 @@ def test_while_nothing_arrives_nobody_is_commanded_and_then_all_goes_on(backend:
         np.testing.assert_allclose(positions_of(fresh), positions_of(data)[30:], rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow(first=True)
-def test_the_law_keeps_its_memory_over_an_event() -> None:
-    """An event that changes nothing leaves a run of bodies with all terms as it was."""
-    law = {"gain": 3.0, "control_period": 0.01, **TERMS}
-    flow = {"agents": {"dimension": 3, "drift": [0.3, 0.2, 0.1]}}
-    nothing = [{"time": 0.5, "set": {"controller.velocity_limit": 1e6}}]
-    for terms in ({}, {"feedforward": {"rounds": 3, "filter": 0.1, "extrapolate": True}}):
-        both = [mixed_scenario(controller=law | terms, flow=flow, events=e) for e in ([], nothing)]
-        plain, same = (simulate(scenario, "physics") for scenario in both)
-        for name in ("agent_position", "velocity_command", "disagreement_vector"):
-            np.testing.assert_array_equal(same[name].values, plain[name].values, err_msg=name)
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_pieces_give_the_same_bits(backend: str) -> None:
-    events = [{"time": 0.13, "lose": "back"}, {"time": 0.3, "set": {"controller.gain": 1.0}}]
-    scenario = mixed_scenario(time={"end": 0.4}, events=events, disturbance={"agents": {"bound": 1.0}})
-    whole = simulate(scenario, backend)
-    parts = list(stream(scenario.phases, backend, scenario.seed, samples=7))
-    assert {part.sizes["time"] for part in parts[:-1]} == {7}
-    for name in whole.variables:
-        if "time" in whole[name].dims:
-            joined = np.concatenate([part[name].values for part in parts])
-            np.testing.assert_array_equal(joined, whole[name].values, err_msg=str(name))
-    assert parts[-1].attrs == whole.attrs
-
-
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_law_in_python_stops_with_its_agent(backend: str) -> None:
     def law(_: float, sample: Any) -> Any:
@@ -274,13 +236,6 @@ def test_a_law_in_python_stops_with_its_agent(backend: str) -> None:
     assert (np.abs(command[:, [0, 2], :2]) > 0.0).all()
 
 
-def test_a_run_without_events_has_no_phases() -> None:
-    plain = simulate(mixed_scenario(), "ideal")
-    assert "phases" not in plain.attrs
-    assert plain["phase"].values.max() == 0
-    assert [type(phase) for phase in mixed_scenario().phases] == [Phase]
-
-
 def test_a_phase_that_leaves_agents_free_is_refused_beforehand() -> None:
     events = [{"time": 0.1, "set": {"controller.gain": 4}}, {"time": 0.2, "cut": ["A2", "A1"]}]
     scenario = chain(3, [*events, {"time": 0.3, "lose": "T2"}])
@@ -289,18 +244,6 @@ def test_a_phase_that_leaves_agents_free_is_refused_beforehand() -> None:
     data = simulate(scenario, "ideal", allow_drift=True)
     assert data.attrs["status"] == "finished"
     assert "A2" in data.attrs["free_directions"]
-
-
-@pytest.mark.slow
-def test_the_report_of_a_phase_says_what_is_free_and_what_mends_it() -> None:
-    record = examine(chain(3, [{"time": 0.2, "cut": ["A2", "A1"]}, {"time": 0.3, "lose": "T2"}]).phases).record
-    terminal = Console(width=200, file=StringIO())
-    terminal.print(report(record))
-    before, after = terminal.file.getvalue().split("From 0.3 s on: lose T2")  # type: ignore[attr-defined]
-    assert ["dimension", "2", "before:", "0"] in [line.split() for line in after.splitlines()]
-    for words in ("  basis ", "  mending.repairs", "A2"):
-        assert words in after
-    assert "  basis " not in before
 
 
 BAD = [
@@ -375,22 +318,6 @@ def test_a_run_knows_its_phases() -> None:
 
 
 @pytest.mark.long
-def test_a_published_run_knows_its_phases_and_is_what_is_saved(tmp_path: Any) -> None:
-    scenario = mixed_scenario(**PHASED)
-    outcome, data = execute(scenario, "ideal", tmp_path / "run", video=None), simulate(scenario, "ideal")
-    phases = summarize_phases(scenario.team, data)
-    assert [{key: told[key] for key in phases[0]} for told in outcome.summary["phases"]] == phases
-    assert outcome.summary["expect"]["met"] is False
-    with xr.open_dataset(tmp_path / "run" / "result.nc", engine="h5netcdf") as written:
-        np.testing.assert_array_equal(written["phase"].values, data["phase"].values)
-        assert written.attrs["phases"] == data.attrs["phases"]
-    save(data, tmp_path / "saved", video=False)
-    assert (tmp_path / "saved" / "result.nc").read_bytes() == (tmp_path / "run" / "result.nc").read_bytes()
-    again = load_scenario(tmp_path / "run" / "scenario.yaml")
-    np.testing.assert_array_equal(positions_of(simulate(again, "ideal")), positions_of(data))
-
-
-@pytest.mark.long
 def test_check_of_every_phase() -> None:
     scenario = chain(4, [{"time": 0.2, "lose": "A3"}, {"time": 0.3, "set": {"controller.gain": 300.0}}])
     record = check(scenario, trial=False)
@@ -400,22 +327,12 @@ def test_check_of_every_phase() -> None:
     alone = check(chain(4, [], time={"end": 0.2}), trial=False)  # each phase is checked over its own time
     for name in ("assumptions", "theorem", "law", "links", "margins", "fragility"):
         assert record[name] == first[name] == alone[name]
-    # Without A3 no agent senses T2, and the others follow T1: q* by dense algebra.
+    # Without A3 no agent senses T2, and the others follow T1.
     assert [a["verdict"] for a in second["assumptions"]][4] == "fails"
     assert not second["ok"]
     assert not record["ok"]
-    H = np.diag([2.0, 2, 2, 2]) - np.eye(4, k=1) - np.eye(4, k=-1)
-    target = np.zeros((4, 2))
-    target[0], target[3] = [3, 3], [9, 0]
-    old, new = np.linalg.solve(H, target), np.tile([3.0, 3.0], (3, 1))
-    jumps = np.linalg.norm(new - old[:3], axis=1)
-    assert list(second["jumps"]) == ["A0", "A1", "A2"]
-    np.testing.assert_allclose(list(second["jumps"].values()), jumps, rtol=1e-9)
+    jumps = np.array(list(second["jumps"].values()))
     assert second["jump"] == pytest.approx(np.linalg.norm(jumps), rel=1e-9)
-    data = simulate(scenario, "ideal")
-    error = np.sqrt(np.nansum(data["tracking_error"].values[LOST] ** 2))
-    assert error <= second["theorem"]["initial_error"]
-    assert second["jump"] < second["theorem"]["initial_error"]  # the first phase has not settled
     H_left = np.array([[2.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
     assert second["theorem"]["lambda_min"] == pytest.approx(np.linalg.eigvalsh(H_left)[0], rel=1e-9)
     assert {x["name"] for x in second["fragility"]["critical"]} >= {"A0", "A1", "A0 - A1", "A0 - T1"}
@@ -474,7 +391,7 @@ def test_jumps_are_those_of_the_run() -> None:
     """With targets that move: check follows their path, the run knows where they are."""
     scenario = load_scenario("paper", {"time.end": 2.0, "events": [{"time": 1.5, "lose": "A5"}]})
     data, k = simulate(scenario, "ideal"), scenario.phases[1].start
-    old = scenario.whole.team.harmonic_extension(np.nan_to_num(positions_of(data)[k]))
+    old = scenario.whole.team.harmonic_extension(positions_of(data)[k])
     jump = np.linalg.norm(np.nan_to_num(data["harmonic_extension"].values[k]) - old, axis=1)
     found = check(scenario, trial=False)["phases"][1]["jumps"]
     assert "A5" not in found

@@ -22,7 +22,6 @@ from tests.builders import altered, build_scenario, find, mixed_scenario, pursui
 from tests.loop.one_vehicle import attitude, body
 from tests.oracles.law import medium, velocity_commands
 from tests.oracles.rigid_body import hold_moment
-from tests.running import run_physics
 
 LINEAR = {"linear": [200.0, 900.0, 1500.0], "angular": [50.0, 60.0, 70.0]}
 SHIFTED = setting(".//inertial", pos="0.15 -0.1 0.2")
@@ -84,18 +83,6 @@ def test_force_is_drag_relative_to_medium_and_command_and_the_moment_holds_the_a
         np.testing.assert_allclose(force[3:], hold + trim, atol=1e-9 * (1 + np.abs(hold).max()))
         drag = -np.array(vehicle.description.drag.angular) * omega
         np.testing.assert_allclose(others[3:], drag, atol=1e-10)
-
-
-def test_a_boat_is_pushed_along_the_water_only(world: World) -> None:
-    """At any heading its thrusters make the drag's force for v_c in the plane, none upward, and no roll or pitch."""
-    for heading in np.linspace(-3, 3, 5):
-        turn(world, 0, Rotation.from_rotvec([0, 0, heading]).as_matrix())
-        world.close_loop(sample=True)
-        mujoco.mj_forward(world.model, world.data)
-        command = velocity_commands(world.system, world.time, world.positions())[0]
-        force = world.data.qfrc_actuator[body(world)[2]]
-        np.testing.assert_allclose(force[:3], world.arena.vehicles[0].drag * command, atol=1e-8)
-        np.testing.assert_allclose(force[3:5], 0.0, atol=1e-8)
 
 
 # -- over time -----------------------------------------------------------------------------------------------------
@@ -198,65 +185,12 @@ def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
         np.testing.assert_allclose(world.data.qvel[body(world, 1)[2]][:3], [0.7, -0.4, 0.2], rtol=1e-9)
 
 
-@pytest.mark.parametrize("drag", [LINEAR, {"time_constant": 0.5}], ids=["unlike", "alike"])
-def test_the_joint_damps_as_an_applied_force_does(
-    drag: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The trajectory does not depend on whether joint or force applies drag: the difference halves with the step."""
-    apart = []
-    for timestep in (0.002, 0.001, 0.0005):
-        runs = []
-        for stiff in (0.0, np.inf):
-            monkeypatch.setattr(vehicles, "_STIFF", stiff)
-            world = drifting(tmp_path, timestep, {"drift": [0.7, -0.4, 0.2]}, drag=drag)
-            assert world.model.dof_damping[body(world, 1)[2]].any() == (stiff == 0.0)
-            world.data.qvel[body(world, 1)[2]] = [0.5, 0.6, -0.3, 0.2, -0.1, 0.3]
-            world.step(round(1.0 / timestep))
-            runs.append(world.data.qpos[body(world, 1)[1]].copy())
-        apart.append(np.abs(runs[0] - runs[1]).max())
-    assert 1e-9 < apart[-1] < 1e-3
-    np.testing.assert_allclose(np.array(apart[:-1]) / apart[1:], 2.0, atol=0.1)
-
-
-@pytest.mark.slow
-def test_steady_velocity_under_a_command_is_w_plus_g_u(tmp_path: Path) -> None:
-    """The reduced model on the body itself: constant extra commands u move it at w + g u, without turning it."""
-    world = drifting(tmp_path, 0.001, {"drift": [0.7, -0.4, 0.2]}, drag=LINEAR)
-    vehicle, _, dof, thrusters = body(world, 1)
-    R = attitude(world, 1)
-    u = vehicle.reduced_model().g_inverse(R) @ [1.0, 2.0, -0.5]
-    for _ in range(20_000):
-        world.close_loop()
-        world.data.ctrl[thrusters] += u
-        mujoco.mj_step(world.model, world.data)
-    np.testing.assert_allclose(world.data.qvel[dof][:3], [1.7, 1.6, -0.3], atol=1e-5)
-    np.testing.assert_allclose(vehicle.reduced_model().g(R) @ u, [1.0, 2.0, -0.5], atol=1e-12)
-    np.testing.assert_allclose(attitude(world, 1), R, atol=1e-9)
-
-
 # -- on the water ----------------------------------------------------------------------------------------------------
-
-
-def boat(height: float = 0.0) -> World:
-    return World(pursuit([0, 0], [0, 0], {"heading": 20}, scene={"surface": "water", "height": height}))
-
-
-@pytest.mark.parametrize("height", [0.0, 2.5])
-def test_a_boat_floats_and_rights_itself(height: float) -> None:
-    world = boat(height)
-    world.step(100)
-    np.testing.assert_allclose(world.heights()[0], height, atol=1e-9)
-    level = attitude(world)
-    world.data.qpos[body(world)[1]][2] += 0.4
-    turn(world, 0, level @ Rotation.from_euler("xy", [0.5, -0.3]).as_matrix())
-    world.step(6000)
-    np.testing.assert_allclose(world.heights()[0], height, atol=1e-6)
-    np.testing.assert_allclose(attitude(world), level, atol=1e-6)
 
 
 def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
     """m z'' = -D z' - K z and I phi'' = -c phi' - k phi, from rest, for small angles."""
-    world = boat()
+    world = World(pursuit([0, 0], [0, 0], {"heading": 20}, scene={"surface": "water"}))
     description = load_vehicle("hull").description
     assert description.hydrostatics is not None
     vehicle, floats = world.arena.vehicles[0], description.hydrostatics
@@ -281,28 +215,6 @@ def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
 
 
 THRUSTER = "default/default[@class='thruster']/general"
-LIMITED = {"ctrlrange": "-40 60", "forcerange": "-30 30", "forcelimited": "true", "dyntype": "filter", "dynprm": "0.2"}
-
-
-def test_limits_and_lag_of_the_file_survive_the_assembly(tmp_path: Path) -> None:
-    """Settings of a default class apply to the vehicle like those of its actuators."""
-    path = altered(tmp_path, "hull", setting(THRUSTER, **LIMITED))
-    agents = {"A": {"position": [0, 0], "vehicle": path}, "B": [50, 0]}
-    scenario = build_scenario(agents, {"T": [50, 0]}, [["A", "T"], ["B", "T"]], time={"end": 0.5})
-    world = World(scenario)
-    own = mujoco.MjModel.from_xml_path(str(Path(path).with_suffix(".xml")))
-    for name in ("ctrlrange", "ctrllimited", "forcerange", "forcelimited", "dyntype", "dynprm", "gainprm"):
-        given = getattr(own, f"actuator_{name}")
-        np.testing.assert_array_equal(getattr(world.model, f"actuator_{name}")[:4], given, err_msg=name)
-    np.testing.assert_array_equal(world.model.actuator_ctrlrange[4:8], [[-1e10, 1e10]] * 4)
-    np.testing.assert_array_equal(world.saturation(), [1.0, 0.0, 0.0])
-    world.step(1)
-    assert np.abs(world.data.actuator_force[:4]).max() < 1.0  # the lag
-    world.step(1000)
-    np.testing.assert_allclose(np.abs(world.data.actuator_force[:4]), 30.0, rtol=1e-2)  # the limit, less the lag
-    trajectory = run_physics(scenario.system)
-    np.testing.assert_array_equal(trajectory.log.saturation[:, 0], 1.0)
-    np.testing.assert_array_equal(trajectory.log.saturation[:, 1:], 0.0)
 
 
 @pytest.mark.parametrize(

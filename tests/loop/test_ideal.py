@@ -59,17 +59,12 @@ def test_published_checkpoints(simulated: Simulated) -> None:
 # -- exact solutions -----------------------------------------------------------------------------------------------
 
 
-def still(period: float, drift: list[float], **fields: Any) -> System:
-    """The mixed team with targets that stand still and a uniform flow about the agents: a linear loop."""
-    flow = {"agents": {"dimension": 3, "drift": drift}}
-    control = {"gain": 3.0, "control_period": period, "record_period": 0.01}
-    return mixed_scenario(controller=control, flow=flow, target_formation=None, **fields).system
-
-
 @pytest.mark.parametrize("period", [0.05, 0.0], ids=["held", "continuous"])
 def test_a_linear_loop_is_a_power_or_an_exponential_of_its_matrix(period: float) -> None:
     """Q' = w - k1 (H q - B p - c); held over h, e falls by the factors 1 - k1 h lambda, as H is symmetric."""
-    system = still(period, [0.3, -0.2, 0.1])
+    flow = {"agents": {"dimension": 3, "drift": [0.3, -0.2, 0.1]}}
+    control = {"gain": 3.0, "control_period": period, "record_period": 0.01}
+    system = mixed_scenario(controller=control, flow=flow, target_formation=None).system
     assert system.grid.continuous == (period == 0.0)
     team, problem = system.team, system.team.dirichlet
     H, n_q = 3.0 * problem.H.toarray(), problem.H.shape[0]
@@ -109,21 +104,18 @@ def test_everything_together_against_scipy(period: float) -> None:
 
 def test_the_tolerance_is_honoured() -> None:
     """The error falls with rtol, decade for decade, and stays within a hundred times of it."""
-
-    def final(rtol: float) -> Array:
-        control = {"gain": 1.0, "control_period": 0.0, "record_period": 0.5}
-        physics = {"timestep": 0.5}
-        flow = {"agents": {**FLOW, "core": 0.3}, "targets": FLOW}
-        ideal = {"rtol": rtol, "atol": 1e-3 * rtol}
-        system = mixed_scenario(
-            controller=control, time={"end": 5.0}, flow=flow, targets=TARGETS, ideal=ideal, physics=physics
-        ).system
-        return run(system).positions[-1]
-
-    exact = final(1e-13)
-    errors = [np.abs(final(rtol) - exact).max() for rtol in (1e-4, 1e-6, 1e-8, 1e-10)]
-    for rtol, error in zip((1e-4, 1e-6, 1e-8, 1e-10), errors, strict=True):
-        assert error < 100.0 * rtol
+    fields: dict[str, Any] = {
+        "controller": {"gain": 1.0, "control_period": 0.0, "record_period": 0.5},
+        "physics": {"timestep": 0.5},
+        "flow": {"agents": {**FLOW, "core": 0.3}, "targets": FLOW},
+        "time": {"end": 5.0},
+        "targets": TARGETS,
+    }
+    rtols = np.array([1e-13, 1e-4, 1e-6, 1e-8, 1e-10])
+    systems = [mixed_scenario(ideal={"rtol": rtol, "atol": 1e-3 * rtol}, **fields).system for rtol in rtols.tolist()]
+    exact, *others = (run(system).positions[-1] for system in systems)
+    errors = [np.abs(other - exact).max() for other in others]
+    assert (errors < 100.0 * rtols[1:]).all()
     assert errors[0] > 30.0 * errors[1] > 900.0 * errors[2] > 27000.0 * errors[3]
 
 
@@ -159,8 +151,7 @@ def test_any_full_rank_effectiveness_gives_the_trajectory_of_the_identity(period
 
 def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
     """The recorded u has s channels, and g(q, t) u = -k1 eta at every sample."""
-    plain = mixed_scenario()
-    agents = [a.model_dump(exclude_none=True) for a in plain.agents]
+    agents = [a.model_dump(exclude_none=True) for a in mixed_scenario().agents]
     agents[0]["effectiveness"], agents[2]["effectiveness"] = FOUR_IN_THE_PLANE, FIVE_IN_SPACE
     system = mixed_scenario(agents=agents).system
     trajectory = run(system)
@@ -181,22 +172,6 @@ def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
-def test_velocity_limits_are_kept(period: float) -> None:
-    """Without flow no agent goes faster than its limit, and those in a hurry go as fast."""
-    agents = {"slow": {"position": [10, 0], "velocity_limit": 0.5}, "usual": [0, 10, 0], "near": [0.1, 0, 0]}
-    law = {"gain": 5.0, "control_period": period, "velocity_limit": 2.0}
-    seen = [[name, "T"] for name in agents]
-    scenario = build_scenario(agents, {"T": [0, 0, 0]}, seen, time={"end": 1.0}, controller=law)
-    x = run(scenario.system).positions
-    speed = np.linalg.norm(np.diff(x[:, :3], axis=0), axis=2) / 0.01
-    assert np.all(speed <= np.array([0.5, 2.0, 2.0]) * (1 + 1e-9))
-    np.testing.assert_allclose(speed[:, 0], 0.5, rtol=1e-6)
-    np.testing.assert_allclose(speed[:, 1], 2.0, rtol=1e-6)
-    assert speed[0, 2] < 0.6
-    np.testing.assert_allclose(x[:, 1, 0], 0.0, atol=1e-12)  # straight on
-
-
-@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
 def test_a_shorter_run_is_the_beginning_of_a_longer_one(period: float) -> None:
     control = {"gain": 3.0, "control_period": period}
     whole, part = (run(mixed_scenario(controller=control, time={"end": end}).system).positions for end in (1.0, 0.4))
@@ -207,23 +182,6 @@ def test_progress_counts_up_to_the_end() -> None:
     seen: list[tuple[int, int]] = []
     run_ideal(mixed_scenario(time={"end": 12.0}).system, lambda done, of: seen.append((done, of)))
     assert seen == [(500, 1200), (1000, 1200), (1200, 1200)]
-
-
-def test_too_high_a_gain_is_unstable_and_says_why() -> None:
-    """k1 h lambda_max >= 2: the published team from gain 31.9 on."""
-    result = simulate(load_scenario("paper", {"controller.gain": 40, "time.end": 5}), backend="ideal")
-    assert result.attrs["status"] == "unstable"
-    message = result.attrs["message"]
-    last = float(result.time[-1])
-    vehicle = message.removeprefix("unstable: ").split(" ")[0]
-    assert vehicle in [*result.agent.values, *result.target.values]
-    assert f"{vehicle} at t = {last:.6g} s" in message
-    assert float(message.split(", commanded ")[1].split(" m/s; ")[0]) > 1e6
-    assert "likely cause: the law, with a controller.gain that is too high" in message
-    assert "mjsheaf check names the margin" in message
-    assert 0.1 < last < 1.0
-    assert np.isfinite(result.agent_position.sel(axis=["x", "y"])).all()
-    assert np.abs(result.agent_position.sel(agent=vehicle, axis=["x", "y"])[-1]).max() > 1e6
 
 
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])

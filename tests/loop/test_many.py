@@ -1,6 +1,7 @@
 """Many runs on threads: the bits of one by one, in order, and no run lost to another's error."""
 
 import threading
+from typing import Any
 
 import pytest
 import xarray as xr
@@ -21,18 +22,6 @@ def runs() -> list[Scenario]:
     return [*one, mixed_scenario(seed=7, disturbance=DISTURBED, time={"end": 0.3})]
 
 
-@pytest.mark.parametrize("backend", ["ideal", "physics"])
-def test_threads_give_the_bits_of_one_by_one(backend: str) -> None:
-    scenarios = runs()
-    alone = [simulate(scenario, backend) for scenario in scenarios]
-    for workers in (1, 2, 4, None):
-        for own, result in zip(alone, simulate_many(scenarios, backend, workers=workers), strict=True):
-            assert bits(result) == bits(own), f"{workers} workers"
-            assert isinstance(result, xr.Dataset)
-            assert result.identical(own)
-    assert len({bits(result)["agent_position"] for result in alone}) == len(scenarios)
-
-
 def test_linear_algebra_has_one_thread_until_the_last_run_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     """The number is the process's, and its bits depend on it."""
     seen: list[set[int]] = []
@@ -47,8 +36,9 @@ def test_linear_algebra_has_one_thread_until_the_last_run_ends(monkeypatch: pyte
     assert seen == [{1}] * 4
 
 
-def test_runs_on_the_fused_engine_are_those_alone() -> None:
-    """Seeds and gains over links, one that blows up, events, and other teams."""
+@pytest.mark.parametrize("how", [{"backend": "ideal"}, {"engine": "mujoco"}, {"engine": "fused"}], ids=str)
+def test_threads_give_the_bits_of_one_by_one(how: dict[str, Any]) -> None:
+    """Seeds and gains over links, one that blows up, events, and a team that the fused engine refuses."""
     noisy = {"links": {"all": {"noise": 0.02, "loss": 0.2}}, "disturbance": DISTURBED}
     lost = [{"time": 0.1, "lose": "back"}]
     scenarios = [
@@ -61,16 +51,16 @@ def test_runs_on_the_fused_engine_are_those_alone() -> None:
         mixed_scenario(seed=0, **noisy),
     ]
     touching = mixed_scenario(seed=0, physics={"contacts": True})
-    alone = [simulate(scenario, engine="fused", threads=1) for scenario in scenarios]
-    for workers in (1, 3):
-        results = simulate_many([*scenarios[:6], touching, *scenarios[6:]], engine="fused", workers=workers)
-        assert isinstance(results.pop(6), InputError)
+    alone = [simulate(scenario, **how) for scenario in scenarios]
+    for workers in (1, 3, None):
+        results = simulate_many([*scenarios[:6], touching, *scenarios[6:]], **how, workers=workers)
+        assert isinstance(results.pop(6), InputError) == (how == {"engine": "fused"})
         for scenario, own, result in zip(scenarios, alone, results, strict=True):
             assert bits(result) == bits(own), f"{workers} workers"
             assert isinstance(result, xr.Dataset)
             assert result.identical(own)
             assert result.encoding["scenario"] is scenario
-    assert [run.attrs["status"] == "unstable" for run in alone].index(True) == 3
+    assert [run.attrs["status"] == "unstable" for run in alone] == [k == 3 for k in range(7)]
     assert len({bits(run)["agent_position"] for run in alone}) == 6  # the first is the last
 
 

@@ -174,16 +174,6 @@ def test_a_wrench_that_is_feasible_is_made(places: Any, share: list[float]) -> N
     assert (np.abs(W @ effort - wanted) <= 1e-8 * size + 1e-9).all()
 
 
-@pytest.mark.parametrize(
-    ("force", "yaw", "efforts"),
-    [(0, 50, [0, 100]), (0, -50, [100, 0]), (-80, 0, [0, 0]), (300, 1000, [0, 250]), (100, 10, [40, 60])],
-)
-def test_a_skiff_turns_on_one_propeller(force: float, yaw: float, efforts: list[float]) -> None:
-    """Propellers at y = +-.5 m: 100 N on the one to starboard make 50 N m to port."""
-    vehicle = load_vehicle(str(SKIFF))
-    np.testing.assert_allclose(allocate(vehicle, np.array([force, 0, yaw])), efforts, atol=0.01)
-
-
 @pytest.mark.parametrize("wanted", [(0, 100), (0, -100), (-50, 30), (500, 0), (500, 200), (20, 300)])
 def test_a_fan_pushes_within_its_sector(wanted: tuple[float, float]) -> None:
     vehicle = load_vehicle(str(AIRBOAT))
@@ -275,13 +265,6 @@ def test_it_reaches_a_target_on_every_side(boat: Path, target: list[float], head
     assert error[time >= 75.0].max() < 3.0
 
 
-@pytest.mark.parametrize("boat", BOATS)
-def test_both_engines_turn_alike(boat: Path) -> None:
-    scenario = make_run(boat, [0.0, 30.0], end=15.0)
-    ours, theirs = (simulate(scenario, engine=name)["agent_position"].values[..., :2] for name in ("fused", "mujoco"))
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
-
-
 @pytest.mark.parametrize("drift", [[0.3, 0.0], [-0.2, 0.2]])
 @pytest.mark.parametrize("boat", BOATS)
 def test_it_turns_into_a_current(boat: Path, drift: list[float]) -> None:
@@ -289,14 +272,6 @@ def test_it_turns_into_a_current(boat: Path, drift: list[float]) -> None:
     flow = {"agents": {"dimension": 2, "drift": drift}}
     time, error = errors(make_run(boat, [-20.0, 10.0], end=120.0, flow=flow))
     assert np.abs(error[time >= 100.0] - np.linalg.norm(drift) / 0.2).max() < 3.0
-
-
-@pytest.mark.parametrize("boat", BOATS)
-def test_it_follows_a_target_that_moves(boat: Path) -> None:
-    """At 0.4 m/s it is left behind by 0.4 / k = 2 m."""
-    motion = {"kind": "waypoints", "points": [[-20, -60]], "speed": 0.4, "pull": 1}
-    time, error = errors(make_run(boat, [-20.0, 0.0], target_motion=motion))
-    assert error[time >= 75.0].max() < 2.0 + 3.0
 
 
 def test_a_weak_astern_is_no_worse_than_none(tmp_path: Path) -> None:
@@ -360,11 +335,6 @@ def test_one_sided_thrusters_are_named() -> None:
     (stuck,) = find_stuck(scenario.phases, data)
     assert stuck.duration == pytest.approx(20.0)
     assert "one-sided" in stuck.reason
-
-
-def test_what_moves_is_not_stuck() -> None:
-    scenario = make_run("otter", [30.0, 0.0], end=20.0)
-    assert not find_stuck(scenario.phases, simulate(scenario, engine="fused"))
 
 
 def test_an_agent_that_is_lost_is_not_stuck() -> None:

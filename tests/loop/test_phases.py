@@ -10,7 +10,6 @@ import pytest
 from mjsheaf import World
 from mjsheaf.errors import InputError
 from mjsheaf.law.law import pack_law
-from mjsheaf.loop.engine import Log
 from mjsheaf.loop.fused import Fused, Worlds
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.runs.simulate import stream
@@ -36,10 +35,6 @@ def test_a_team_that_changes_half_way(backend: Any, period: float) -> None:
     system = mixed_scenario(time={"end": 0.4}, controller={"gain": 8.0, "control_period": period}).system
     other = without_an_edge(system)
     whole = run(system)
-    same = [Phase(0, system), Phase(20, system)]
-    together = {name: np.concatenate([getattr(p.log, name) for p in pieces(same, 7)]) for name in Log._fields}
-    for name in Log._fields:
-        np.testing.assert_array_equal(together[name], getattr(whole.log, name), err_msg=name)
     changed = list(pieces([Phase(0, system), Phase(20, other)], 1000))
     assert [len(piece.time) for piece in changed] == [20, 21]
     assert [piece.system.team for piece in changed] == [system.team, other.team]
@@ -81,11 +76,12 @@ def require_resumable(run: Scenario | list[Phase], steps: Sequence[int], last: i
             np.testing.assert_array_equal(resumed.positions(), places)
 
 
-@pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
+@pytest.mark.parametrize("period", [0.0, 0.02], ids=["continuous", "held"])
 def test_a_world_goes_on_from_a_state_to_the_bit(period: float) -> None:
-    """Also between two samples, where the held command is the law's memory."""
-    law = {"gain": 8.0, "control_period": period}
-    require_resumable(mixed_scenario(controller=law, disturbance={"agents": {"bound": 1.0}}), [1, 7, 10, 23], 56)
+    """Also between two samples; thrusts that lag and angles of thrusters are in it."""
+    law = {"gain": 8.0, "control_period": period, "record_period": 0.02}
+    boats = two_boats("wamv_azimuth", "otter_rudder", controller=law, disturbance={"agents": {"bound": 1.0}})
+    require_resumable(boats, [1, 7, 8, 23], 56)
 
 
 # -- what a phase may change, and what it may not ----------------------------------------------------------------------
@@ -148,10 +144,7 @@ def test_a_phase_brings_its_own_effectiveness_on_ideal_kinematics() -> None:
     ("name", "change"),
     [
         ("bodies.vehicle", {"vehicle": ["otter"] * 16}),
-        ("bodies.heading", {"heading": np.ones(16)}),
-        ("bodies.time_constant", {"time_constant": 0.2}),
         ("bodies.timestep", {"timestep": 0.02}),
-        ("bodies.contacts", {"contacts": True}),
         ("bodies.surface_height", {"surface_height": 1.0}),
         ("bodies.engine", {"engine": "fused"}),
         ("initial", {}),

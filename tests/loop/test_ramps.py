@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import Session, World, check, envs, load_scenario, simulate
+from mjsheaf import Session, World, envs, load_scenario, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
-from tests.builders import build_scenario, continued, list_members
+from tests.builders import build_scenario, continued, list_members, positions_of
 from tests.oracles.law import disagreement, harmonic_extension
 from tests.running import rms_error
 
@@ -56,8 +56,9 @@ def fields_after(scenario: Scenario, values: dict[str, Any] | None = None) -> Sc
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_q_star_is_the_extension_of_interpolated_offsets(backend: str) -> None:
-    scenario = ring([change()])
+def test_q_star_and_the_true_disagreement_are_those_of_interpolated_offsets(backend: str) -> None:
+    """Whatever agents receive over noisy links."""
+    scenario = ring([change()], links={"all": {"noise": 0.1}})
     data = simulate(scenario, backend, engine="mujoco")
     before, after = offsets_of(scenario), offsets_of(fields_after(scenario))
     team = scenario.team
@@ -71,6 +72,8 @@ def test_q_star_is_the_extension_of_interpolated_offsets(backend: str) -> None:
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
         away = np.linalg.norm(found - np.nan_to_num(data["agent_position"].values[k]), axis=1)
         np.testing.assert_allclose(data["tracking_error"].values[k], away, rtol=0, atol=1e-12)
+        eta = np.linalg.norm(disagreement(team, positions_of(data)[k], edges), axis=1)[: len(team.agents)]
+        np.testing.assert_allclose(data["disagreement"].values[k], eta, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("over", [None, 0.0])
@@ -97,9 +100,8 @@ def test_with_exact_feedforward_the_error_decays_as_without_a_change() -> None:
     assert without[LAST] > 0.5  # which lags
 
 
-@pytest.mark.parametrize("other", [{"time": 0.4, "set": {"controller.gain": 2.5}}, {"time": 0.4, "cut": ["A1", "A2"]}])
-def test_an_event_meanwhile_leaves_the_change_as_it_is(other: dict[str, Any]) -> None:
-    scenario = ring([change(), other])
+def test_an_event_meanwhile_leaves_the_change_as_it_is() -> None:
+    scenario = ring([change(), {"time": 0.4, "cut": ["A1", "A2"]}])
     assert [phase.start for phase in scenario.phases] == [0, FIRST, 20, LAST]
     data = simulate(scenario, "ideal", allow_drift=True)
     before, after = offsets_of(scenario), offsets_of(fields_after(scenario))
@@ -107,7 +109,7 @@ def test_an_event_meanwhile_leaves_the_change_as_it_is(other: dict[str, Any]) ->
     for k in range(FIRST, LAST + 1, 2):
         share = (k - FIRST) / (LAST - FIRST)
         team = scenario.phases[1 + (k >= 20) + (k >= LAST)].system.team
-        left = rows if "cut" not in other or k < 20 else rows[rows > 0]
+        left = rows if k < 20 else rows[rows > 0]
         b = (before + share * (after - before))[-len(left) :]
         found = np.concatenate([e.b for e in team.edges_at(k * PERIOD)])
         np.testing.assert_allclose(found, b, rtol=0, atol=1e-14)
@@ -126,17 +128,7 @@ def test_a_change_in_two_halves_gives_the_same_q_star() -> None:
 
 
 @pytest.mark.long
-def test_over_links_the_disagreement_is_the_true_one_and_silence_has_no_effect() -> None:
-    """Without any measurement agents stay where they are, whatever the offsets do."""
-    scenario = ring([change()], links={"all": {"noise": 0.1}})
-    data = simulate(scenario, "ideal")
-    teams = [phase.system for phase in scenario.phases]
-    positions = np.nan_to_num(np.concatenate([data["agent_position"], data["target_position"]], axis=1))
-    for k in (5, 15, 25, 40):
-        team = teams[int(data["phase"].values[k])].team
-        eta = disagreement(team, positions[k], team.edges_at(float(data["time"][k])))
-        expected = np.linalg.norm(eta[: len(team.agents)], axis=1)
-        np.testing.assert_allclose(data["disagreement"].values[k], expected, rtol=0, atol=1e-12)
+def test_without_any_measurement_agents_stay_where_they_are_whatever_the_offsets_do() -> None:
     silent = simulate(ring([change()], links={"all": {"loss": 1.0}}, anchors=[]), "ideal", allow_drift=True)
     assert not silent["velocity_command"].fillna(0.0).values.any()
 
@@ -192,20 +184,13 @@ def test_a_session_and_an_environment_are_the_run(backend: str) -> None:
 def test_runs_on_two_engines_at_a_time_do_not_share_offsets() -> None:
     """One system, two runs at different times: each has its own offsets."""
     scenario = ring([change()])
-    edges = scenario.phases[1].system.law.edges
-    before = edges.b.copy()
-    alone = World(scenario)
+    alone, first, second = (World(scenario) for _ in range(3))
     alone.step(300)
-    first, second = World(scenario), World(scenario)
     first.step(250)
-    second.step(200)
-    one, other = (world._control.law.edges.b for world in (first, second))  # in the change
-    assert not np.shares_memory(one, other)
-    assert not np.shares_memory(one, edges.b)
+    second.step(200)  # in the change
     second.step(350)
     first.step(50)
     np.testing.assert_array_equal(first.positions(), alone.positions())
-    np.testing.assert_array_equal(edges.b, before)
 
 
 @pytest.mark.slow
@@ -324,23 +309,8 @@ def test_changes_of_one_formation_follow_one_another() -> None:
     assert len(ring([change(), change({"formations.ring.radius": 2}, time=0.6)]).phases) == 4
 
 
-@pytest.mark.long
-def test_a_turn_through_one_point_is_refused_for_ranges_and_found_by_check() -> None:
-    half_turn = change({"formations.ring.angle": 180})
-    raw = ring([half_turn]).model_dump(mode="json", exclude_none=True)
-    safe = raw | {"safety": {"distance": 0.5}, "controller": raw["controller"] | {"velocity_limit": 5}}
-    record = check(load_scenario(safe), trial=False, progress=False)
-    unsafe = record["phases"][1]["safety"]["unsafe"]
-    assert {frozenset(one["pair"]) for one in unsafe} >= {frozenset(("B1", "B2"))}
-    assert unsafe[0]["time"] == pytest.approx(0.4)
+def test_a_turn_through_one_point_is_refused_for_ranges() -> None:
+    raw = ring([change({"formations.ring.angle": 180})]).model_dump(mode="json", exclude_none=True)
     raw["communication"][2] |= {"measures": "range"}
     with pytest.raises(InputError, match=r"over: brings the places of B1 and B2 together at 0\.4 s, .* no range"):
         _ = load_scenario(raw).phases
-
-
-@pytest.mark.long
-def test_engines_agree() -> None:
-    scenario = ring([change()], controller=FEEDFORWARD)
-    mujoco, fused = (simulate(scenario, engine=engine) for engine in ("mujoco", "fused"))
-    for name in ("agent_position", "harmonic_extension", "velocity_command"):
-        np.testing.assert_allclose(mujoco[name].values, fused[name].values, rtol=0, atol=1e-9, err_msg=name)

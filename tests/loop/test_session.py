@@ -38,6 +38,7 @@ TANGLED: dict[str, Any] = {
 }
 CONTINUOUS = {"time": {"end": 0.1}, "controller": {"gain": 3.0, "control_period": 0.0, "record_period": 0.02}}
 HELD = {"gain": 3.0, "control_period": 0.01}
+NOISY = {"all": {"noise": 0.02}}
 
 engines = pytest.mark.parametrize("engine", ENGINES)
 
@@ -144,27 +145,9 @@ def test_a_state_brings_its_seed(engine: str) -> None:
     np.testing.assert_array_equal(end_of(other), whole)
 
 
-def test_a_world_takes_another_seed() -> None:
-    scenario = mixed_scenario(**TANGLED)
-    world, fresh = World(scenario), World(scenario.with_seed(5))
-    world.step(30)
-    world.reset(5)
-    for one in (world, fresh):
-        one.step(30)
-    np.testing.assert_array_equal(world.get_state(), fresh.get_state())
-    of_phases = World(scenario.phases)
+def test_a_world_of_phases_takes_no_seed() -> None:
     with refused(InputError, "seed", "Scenario"):
-        of_phases.reset(5)
-    with refused(InputError, "seed"):
-        world.reset(-1)
-
-
-@engines
-def test_without_random_numbers_seeds_are_alike(engine: str) -> None:
-    session = session_of(mixed_scenario(time={"end": 0.1}, disturbance={}), engine)
-    own = end_of(session)
-    session.reset(17)
-    np.testing.assert_array_equal(end_of(session)[1:], own[1:])  # but for the seed
+        World(mixed_scenario().phases).reset(5)
 
 
 @pytest.mark.slow(each=True)
@@ -231,23 +214,18 @@ def test_a_law_in_python_is_a_loop_of_the_users_own(engine: str) -> None:
 @pytest.mark.slow
 @engines
 def test_commands_are_added_or_take_the_place_of_the_law(engine: str) -> None:
-    scenario = mixed_scenario(controller={**HELD, "velocity_limit": 2.0}, links={"all": {"noise": 0.02}})
+    scenario = mixed_scenario(controller={**HELD, "velocity_limit": 2.0}, links=NOISY)
     push = np.array([[0.3, -0.5, 0.0], [0.2, 0.2, -2.0], [5.0, 0.0, 0.0]])
     added, placed = session_of(scenario, engine), session_of(scenario, engine, commanded=True)
     nominal = added.observe().command
-    for session, whole in ((added, mixed_law(scenario, engine) + push), (placed, push)):
+    law = session_of(mixed_scenario(controller=HELD, links=NOISY), engine).observe().command  # without the limit
+    for session, whole in ((added, law + push), (placed, push)):
         session.step(push)
         speed = np.linalg.norm(whole, axis=1, keepdims=True)
         expected = whole * np.minimum(1.0, 2.0 / np.maximum(speed, 1e-300))
         np.testing.assert_allclose(session.engine.memory.command[:3], expected, rtol=1e-13, atol=1e-15)
     assert np.linalg.norm(nominal, axis=1).max() > 1.0
     assert placed.observe().disagreement.tobytes() != added.observe().disagreement.tobytes()
-
-
-def mixed_law(scenario: Scenario, engine: str) -> Array:
-    """-k1 eta at the start, without the speed limit."""
-    free = scenario.model_copy(update={"controller": scenario.controller.model_copy(update={"velocity_limit": None})})
-    return session_of(free, engine).observe().command
 
 
 @engines

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from mjsheaf import simulate
-from mjsheaf.scenario.slips import slips_of_vehicle
 from mjsheaf.vehicles.effects import Effects, embody, shortfalls_of
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
 from mjsheaf.vehicles.vehicle import AttitudeHold
 from tests.builders import pursuit
-from tests.commands import answer_of
 
 INERTIA = 2.4e-5  # kg m^2
 SETTINGS = {"frequency": 10, "tilt": 30, "rate": 2, "thrust": 0.6}
@@ -97,15 +95,6 @@ def test_a_lean_that_the_thrust_does_not_carry_is_named(tmp_path: Path) -> None:
     assert (one.axis, one.falls) == ("thrust", False)
     assert one.needed == pytest.approx(weight / math.cos(math.radians(30)))
     assert f"{math.degrees(math.acos(1 / 1.01)):.2g} degrees" in one.sentence
-
-
-def test_it_is_listed_and_noted(tmp_path: Path) -> None:
-    path = drone(tmp_path, 1e-5)
-    (slip,) = slips_of_vehicle(load_vehicle(path))
-    assert "0.417 rad/s^2" in slip
-    answer = answer_of("list", "--vehicles", path)
-    assert answer.code == 0
-    assert f"note: {slip}" in " ".join(answer.out.split())
 
 
 @pytest.mark.slow(first=True)

@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mjsheaf import simulate
 from tests.builders import make_fields, make_scenario
@@ -92,21 +90,6 @@ def test_padding_changes_no_sum(engine: str) -> None:
     padded = copy.deepcopy(fields)
     padded["disturbance"]["agents"]["components"] = 17
     np.testing.assert_array_equal(run(padded, engine).target_position, run(fields, engine).target_position)
-
-
-@given(st.permutations("ABCD"), st.integers(1, 4), st.integers(0, 2**63 - 1))
-def test_what_is_drawn_belongs_to_an_id(order: list[str], count: int, seed: int) -> None:
-    """Initial conditions, disturbances and streams of odometry, for any order, number and seed."""
-    whole = make_scenario({**team("ABCD"), "seed": seed}).system
-    some = make_scenario({**team("".join(order[:count])), "seed": seed}).system
-    for k, name in enumerate(order[:count]):
-        for id in (name, f"T{name}"):
-            of_whole, of_some = whole.team.index[id], some.team.index[id]
-            np.testing.assert_array_equal(some.initial[of_some], whole.initial[of_whole])
-            np.testing.assert_array_equal(some.bodies.heading[of_some], whole.bodies.heading[of_whole])
-            np.testing.assert_array_equal(some.harmonics[of_some], whole.harmonics[of_whole])
-        np.testing.assert_array_equal(some.law.terms.streams[k], whole.law.terms.streams["ABCD".index(name)])
-    assert len(np.unique(whole.harmonics[:, 0], axis=0)) == 8
 
 
 def test_a_swarm_that_grows_leaves_its_first_agents_where_they_were() -> None:

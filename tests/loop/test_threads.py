@@ -11,7 +11,6 @@ import pytest
 from mjsheaf import load_scenario, simulate
 from mjsheaf import threads as processors
 from mjsheaf.loop.engine import Engine
-from mjsheaf.loop.fused import Fused, _advance_part
 from mjsheaf.loop.session import ENGINES, Session, prepare_run
 from mjsheaf.scenario import Scenario
 from tests.builders import bits, build_scenario, mixed_scenario
@@ -32,29 +31,6 @@ def test_threads_do_not_change_a_bit(name: str) -> None:
     scenario = load_scenario(name, SWARM | {"events": events})
     one, *more = (bits(simulate(scenario, engine="fused", threads=threads)) for threads in (1, 2, 3))
     assert all(other == one for other in more)
-
-
-@pytest.mark.long
-def test_the_vehicles_are_divided_among_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each is moved by one of them between two evaluations of the law; a team alone in a thread is not divided."""
-    parts: list[tuple[int, int]] = []
-
-    def noting(loop: Any, motion: Any, first: int, last: int, *rest: Any) -> None:
-        parts.append((first, last))
-        _advance_part(loop, motion, first, last, *rest)
-
-    monkeypatch.setattr("mjsheaf.loop.fused._advance_part", noting)
-    scenario = load_scenario("swarm", SWARM)
-    with Session(scenario, engine="fused", threads=3) as session:
-        session.step()
-        assert isinstance(session.engine, Fused)
-        blocks = len(session.engine.compiled[0].params.fleet.blocks) - 1
-    assert blocks == 5
-    assert sorted(parts) == [(0, 1), (1, 3), (3, 5)]
-    parts.clear()
-    with Session(scenario, engine="fused") as session:
-        session.step()
-    assert not parts
 
 
 @pytest.mark.parametrize(("quota", "expected"), [("max 100000", 8), ("150000 100000", 2), ("1000 100000", 1), ("", 8)])

@@ -4,7 +4,6 @@ Oracles: wrenches worked out here from the sites' positions and axes as they sta
 g = C (R D R^T)^-1 R W_f; and that u = g^+ v makes the drag's force for v and no moment.
 """
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,18 +12,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import xarray as xr
 import yaml
 
-from mjsheaf import load_scenario, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import Full
 from mjsheaf.vehicles.vehicle import Vehicle
-from tests.builders import RAFT, Edit, adding, altered, attitudes, find, make_fields, refused, setting, xml_of, yaws
+from tests.builders import ONE_BOAT, RAFT, Edit, adding, altered, attitudes, find, refused, setting, xml_of, yaws
 from tests.commands import answer_of, is_refusal
-from tests.running import rms_error
 
 NAMES = ("hull", "aerial", "submersible")
 ANISOTROPIC = np.array([300.0, 700.0, 1100.0])
@@ -59,16 +55,6 @@ def test_wrenches_are_those_of_the_thrusters_in_the_file(name: str) -> None:
     np.testing.assert_allclose(vehicle.drag, vehicle.mass / 0.05, rtol=1e-14)
     assert vehicle.weight == pytest.approx(0.0 if name == "submersible" else 9.81 * vehicle.mass)
     assert vehicle.dimension == (2 if name == "hull" else 3)
-
-
-def test_inertia_is_about_the_origin_of_the_frame(tmp_path: Path) -> None:
-    """The parallel-axis theorem, for a centre of mass that is elsewhere."""
-    shift = np.array([0.2, -0.1, 0.3])
-    edit = setting(".//inertial", pos=".2 -.1 .3")
-    vehicle, plain = load_vehicle(altered(tmp_path, "aerial", edit)), load_vehicle("aerial")
-    np.testing.assert_allclose(vehicle.centre_of_mass, shift, atol=1e-14)
-    moved = plain.mass * (shift @ shift * np.eye(3) - np.outer(shift, shift))
-    np.testing.assert_allclose(vehicle.inertia, plain.inertia + moved, atol=1e-12)
 
 
 def require_right_inverse(vehicle: Vehicle) -> None:
@@ -111,22 +97,17 @@ def thruster(attribute: str, value: str) -> Edit:
     return edit
 
 
-@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
     ("attribute", "value"),
-    [("gear", None), ("gainprm", "0.5"), ("zaxis", "3 4 12"), ("pos", "0.9 -0.4 0")],
-    ids=["gear", "gainprm", "zaxis", "pos"],
+    [("gear", "0 0 .5 0 0 .3"), ("gainprm", "0.5"), ("zaxis", "3 4 12"), ("pos", "0.9 -0.4 0")],
 )
 def test_a_thruster_that_is_altered_changes_its_column_and_the_commands(
-    name: str, attribute: str, value: str | None, tmp_path: Path
+    attribute: str, value: str, tmp_path: Path
 ) -> None:
     """Whatever it is now, the wrenches are those of the file, and commands g^+ v make no moment still."""
-    was = find(xml_of(name), "actuator")[1].get("gear", "0 0 1 0 0 0")
-    value = value or " ".join(str(0.5 * x) for x in numbers(was))
-    edit = thruster(attribute, "3 4 0" if (name, attribute) == ("hull", "zaxis") else value)
-    root = xml_of(name)
+    edit, root = thruster(attribute, value), xml_of("aerial")
     edit(root)
-    one, other = load_vehicle(name), load_vehicle(altered(tmp_path, name, edit))
+    one, other = load_vehicle("aerial"), load_vehicle(altered(tmp_path, "aerial", edit))
     np.testing.assert_allclose(other.W, wrenches(root), atol=1e-12)
     np.testing.assert_array_equal(np.flatnonzero(np.abs(other.W - one.W).max(axis=0) > 1e-9), [1])
     require_right_inverse(other)
@@ -164,6 +145,21 @@ def still_yaw(name: str) -> dict[str, Any]:
     return {**drag, "angular": [*drag["angular"][:2], 0.0]}
 
 
+def pod(**fields: Any) -> dict[str, Any]:
+    """An azimuthing engine."""
+    return {"actuators": {"thruster_port": {"kind": "azimuth", "angle": [-90, 90], "rate": 60} | fields}}
+
+
+def blade(name: str = "propeller", **fields: Any) -> dict[str, Any]:
+    """A rudder."""
+    whole = {"kind": "rudder", "angle": 35, "rate": 40, "behind": 0.2, "diameter": 0.25, "area": 0.03, "span": 0.2}
+    return {"actuators": {name: {**whole, "slipstream": 0.5, **fields}}}
+
+
+def windage(**fields: Any) -> dict[str, Any]:
+    return {"windage": {"area": [1, 2], "coefficients": [0.5, 0.7, 0.1], "height": 1} | fields}
+
+
 TILTING = adding((".//body", '<joint name="tilt" type="hinge"/>'))
 ADHERING = adding(("actuator", '<adhesion body="body" gain="1"/>'))
 AFFINE, MUSCULAR = setting("actuator/*", biastype="affine"), setting("actuator/*", dyntype="muscle")
@@ -171,7 +167,9 @@ AGROUND = adding(("worldbody", '<geom name="ballast" size="1"/>'))
 WEAK = setting(".//default[@class='thruster']/general", ctrlrange="0 3")
 FLOATS = {"heave": 1, "roll": 1, "pitch": 1}
 ONE_ROW_LESS = "cannot produce every required wrench"
-REFUSED: list[tuple[Any, ...]] = [  # a vehicle, an edit of its MJCF or fields of its description, what the error names
+CLASS = "default/default[@class='thruster']"
+NOT_AHEAD = "actuators.propeller: a rudder needs a propeller with a thrust straight ahead of 1 N"
+REFUSED: list[tuple[Any, ...]] = [  # a vehicle, an edit of its MJCF and fields of its description, what the error names
     ("hull", TILTING, "hull.xml: joint 'tilt' of body 'body'", "a vehicle must have no joints"),
     ("hull", ADHERING, "hull.xml: an actuator acts on body 'body'", "every actuator must act on a site"),
     ("hull", AFFINE, "hull.xml: actuator 'thruster_bow_port'", "biastype is affine", "expected none"),
@@ -208,12 +206,34 @@ REFUSED: list[tuple[Any, ...]] = [  # a vehicle, an edit of its MJCF or fields o
     ("wamv", {"added_mass": [1, 2, 3, 4, 5, -6]}, "added_mass.5"),
     ("wamv", {"autopilot": {"rate": 0}}, "autopilot.rate", 0),
     ("wamv", {"attitude": None}, "wamv.yaml", "attitude"),
+    ("wamv_azimuth", {"actuators": {"pod": pod()["actuators"]["thruster_port"]}}, "actuators.pod", "thruster_port"),
+    ("wamv_azimuth", pod(angle=[90, -90]), "actuators.thruster_port: angle: expected the lowest, then the highest"),
+    ("wamv_azimuth", pod(angle=[-400, 0]), "actuators.thruster_port: angle", "-360 to 360"),
+    ("wamv_azimuth", pod(angle=[0]), "actuators.thruster_port.angle"),
+    ("wamv_azimuth", pod(rate=0), "actuators.thruster_port.rate", "above 0"),
+    ("wamv_azimuth", pod(kind="wing"), "actuators.thruster_port.kind", "azimuth"),
+    ("wamv_azimuth", pod(reach=1), "thruster_port.reach: unknown field; expected angle, kind, lag, rate"),
+    ("wamv_azimuth", (setting(f"{CLASS}/site", zaxis="0 1 1"), pod()), "expected a horizontal thrust"),
+    ("submersible", blade("x"), "a rudder steers a vehicle on the surface"),
+    ("otter_rudder", (setting(f"{CLASS}/site", zaxis="1 1 0"), blade()), NOT_AHEAD),
+    ("otter_rudder", (setting(f"{CLASS}/general", gainprm="2"), blade()), NOT_AHEAD),
+    ("otter_rudder", blade(area=3.0, span=5.0), "propeller: its drag at full deflection exceeds the thrust"),
+    ("otter_rudder", blade(angle=90), "actuators.propeller.angle", "below 90"),
+    ("otter_rudder", blade(slipstream=0), "actuators.propeller.slipstream", "above 0"),
+    ("otter_rudder", {"actuators": {"propeller": {"kind": "rudder"}}}, "actuators.propeller.angle: missing"),
+    ("otter_rudder", blade(fin=1), "actuators.propeller.fin: unknown field"),
+    ("x500", windage(), "windage is that of a vehicle on the surface"),
+    ("otter", windage(area=[1, 0]), "windage.area"),
+    ("otter", windage(area=[1]), "windage.area"),
+    ("otter", windage(coefficients=[0.5, -0.7, 0.1]), "windage.coefficients"),
+    ("otter", {"windage": {"area": [1, 2], "coefficients": [0.5, 0.7, 0.1]}}, "windage.height"),
+    ("otter", windage(length=0), "windage.length"),
 ]
 
 
 @pytest.mark.parametrize(("name", "change", "named"), [(name, change, named) for name, change, *named in REFUSED])
 def test_wrong_vehicle_files_are_refused(name: str, change: Any, named: list[Any], tmp_path: Path) -> None:
-    edit, description = (change, {}) if callable(change) else (None, change)
+    edit, description = change if isinstance(change, tuple) else (change, {}) if callable(change) else (None, change)
     with refused(InputError, *named):
         load_vehicle(altered(tmp_path, name, edit, **description))
 
@@ -238,14 +258,6 @@ def test_a_relative_path_is_of_the_directory_given(tmp_path: Path, monkeypatch: 
     assert load_vehicle("boats/hull.yaml").description.summary == "of the folder"
 
 
-def test_vehicles_are_not_shared_state() -> None:
-    one = load_vehicle("hull")
-    assert isinstance(one, Vehicle)
-    slow = one.with_time_constant(1.0)
-    assert one.drag[0] == pytest.approx(8000.0)
-    assert slow.drag[0] == pytest.approx(400.0)
-
-
 def test_a_vehicle_that_all_runs_share_cannot_be_written_into() -> None:
     vehicle = load_vehicle("hexarotor")
     for values in (vehicle.drag, vehicle.inertia, vehicle.inertials[0].diagonal, vehicle.actuators[0].wrench):
@@ -254,31 +266,6 @@ def test_a_vehicle_that_all_runs_share_cannot_be_written_into() -> None:
 
 
 # -- a user's vehicle: tests/data/raft.xml and raft.yaml are the example of the README ---------------------------------
-
-SCENARIO = make_fields(
-    {"one": {"position": [-3, 1], "heading": 30}, "two": [-1, -3]},
-    {"buoy": [0, 0]},
-    [["one", "buoy"], ["two", "buoy"]],
-    communication=[["one", "two"]],
-    time={"end": 20.0},
-    controller={"gain": 0.4, "control_period": 0.05},
-    target_motion={"kind": "waypoints", "points": [[16, 8]], "speed": 0.3, "pull": 1.0},
-    formations=[{"name": "pair", "shape": "line", "members": ["one", "two"], "about": "buoy", "spacing": 3.0}],
-    flow={"agents": {"dimension": 2, "drift": [0.2, -0.1]}},
-    physics={"timestep": 0.005},
-    vehicles={"agents": "boats/raft.yaml"},
-)
-
-
-@pytest.fixture
-def scenario(tmp_path: Path) -> Path:
-    """A scenario file with the raft's two files in a folder next to it."""
-    (tmp_path / "boats").mkdir()
-    for file in (RAFT, RAFT.with_suffix(".xml")):
-        shutil.copy(file, tmp_path / "boats")
-    path = tmp_path / "rafts.yaml"
-    path.write_text(yaml.safe_dump(SCENARIO))
-    return path
 
 
 def test_the_example_is_as_short_as_the_readme_says() -> None:
@@ -299,26 +286,10 @@ def test_a_raft_is_what_its_files_say() -> None:
     assert raft.thrusters == ["bow_port", "bow_starboard", "stern_port", "stern_starboard"]
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_plots")
-def test_a_scenario_may_name_a_vehicle_by_its_path(scenario: Path) -> None:
-    """`mjsheaf run` in the files' folder or elsewhere: rafts keep the formation about as well as points would."""
-    out = scenario.parent / "out"
-    answer = answer_of("run", scenario, "--no-video", "--out", out)
-    assert answer.code == 0, answer.err
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["status"] == "finished"
-    with xr.open_dataset(out / "result.nc") as run:
-        assert float(np.abs(run.agent_height).max()) < 0.05
-        assert float(run.agent_saturation[-200:].max()) == 0.0
-    ideal = simulate(load_scenario(str(scenario)), backend="ideal")
-    assert summary["final"]["tracking_error"] < 1.1 * rms_error(ideal)[-1] + 0.05
-    assert summary["final"]["formation_error"] < 0.1
-
-
-def test_a_wrong_vehicle_is_one_line_on_stderr(scenario: Path) -> None:
-    """Exit code 2, and the line names the scenario's field, the vehicle's file, and what is wrong."""
-    raft = scenario.parent / "boats" / "raft.yaml"
-    raft.write_text(raft.read_text().replace("attitude:", "altitude:"))
-    answer = answer_of("run", scenario, "--no-video", "--out", scenario.parent / "out")
+def test_a_wrong_vehicle_is_one_line_on_stderr(tmp_path: Path) -> None:
+    """Exit code 2, and the line names the scenario's file, the vehicle's file, and what is wrong."""
+    shutil.copy(RAFT.with_suffix(".xml"), tmp_path)
+    (tmp_path / "raft.yaml").write_text(RAFT.read_text().replace("attitude:", "altitude:"))
+    (tmp_path / "rafts.yaml").write_text(yaml.safe_dump(ONE_BOAT | {"vehicles": {"agents": "raft.yaml"}}))
+    answer = answer_of("run", tmp_path / "rafts.yaml", "--no-video", "--out", tmp_path / "out")
     assert is_refusal(answer, "rafts.yaml", "raft.yaml", "altitude")

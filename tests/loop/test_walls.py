@@ -10,7 +10,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.law.obstacles import centres, distances
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.vehicles.arena import PREFIX
-from tests.builders import OBSTACLES
+from tests.builders import OBSTACLES, build_scenario
 
 _WALLS = [*OBSTACLES, {"id": "ground", "kind": "half_space", "point": [0.0, 0.0, 0.5], "normal": [0.0, 0.1, 1.0]}]
 
@@ -55,20 +55,20 @@ def test_geoms_are_where_obstacles_are() -> None:
 @pytest.mark.long
 def test_a_wall_that_is_faster_than_a_boat_pushes_it() -> None:
     """Without contacts the wall passes through the boat; with them the boat's origin stays outside."""
-    boat = {
-        "name": "boat",
-        "time": {"end": 12},
-        "controller": {"gain": 0.5, "velocity_limit": 0.2},
-        "agents": [{"id": "A", "position": [0.0, 0.0], "vehicle": "otter", "heading": 0}],
-        "anchors": [{"agent": "A", "axes": ["x", "y"], "value": [0.0, 0.0]}],
-        "physics": {"timestep": 0.002},
-        "safety": {"distance": 0.5, "obstacles": [
-            {"kind": "box", "centre": [-6.0, 0.0, 0.0], "sides": [2.0, 20.0, 6.0],
-             "motion": {"kind": "waypoints", "points": [[10.0, 0.0, 0.0]], "speed": 0.8}}]},
-    }  # fmt: skip
+    motion = {"kind": "waypoints", "points": [[10.0, 0.0, 0.0]], "speed": 0.8}
+    wall = {"kind": "box", "centre": [-6.0, 0.0, 0.0], "sides": [2.0, 20.0, 6.0], "motion": motion}
     nearest = {}
     for contacts in (False, True):
-        scenario = load_scenario(boat, {"physics.contacts": contacts})
+        scenario = build_scenario(
+            {"A": {"position": [0.0, 0.0], "vehicle": "otter"}},
+            {},
+            [],
+            time={"end": 12},
+            controller={"gain": 0.5, "velocity_limit": 0.2},
+            anchors=[{"agent": "A", "axes": ["x", "y"], "value": [0.0, 0.0]}],
+            physics={"timestep": 0.002, "contacts": contacts},
+            safety={"distance": 0.5, "obstacles": [wall]},
+        )
         run = simulate(scenario)
         obstacles = scenario.system.obstacles
         assert obstacles is not None
