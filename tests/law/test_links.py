@@ -519,7 +519,7 @@ def test_range_and_bearing_need_a_frame(maps: Any, fits: bool) -> None:
 
 @pytest.mark.slow
 def test_noise_is_white_of_its_deviation_and_the_bias_its_mean() -> None:
-    scenario, data = still({"all": {"noise": 0.3, "bias": 0.7}, "sensing": {"noise": 0.1}})
+    scenario, data = still({"all": {"noise": 0.3, "bias": 0.7}, "sensing": {"noise": 0.1}}, 100.0)
     truth = true_measurements(scenario, data)
     error = data["measurement"].values - truth
     n, sigma = len(error), np.array([0.3, 0.3, 0.1, 0.1, 0.1, 0.1])
