@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-import mjsheaf
 from mjsheaf import lazy
 from tests.commands import IDEAL, python
 
@@ -90,11 +89,6 @@ def test_a_second_process_compiles_nothing(backend: str, period: float) -> None:
         hits, misses = last_line(code)
     assert hits > 0
     assert misses == 0
-
-
-def test_names_are_imported_when_first_used() -> None:
-    assert set(mjsheaf.__all__) <= set(dir(mjsheaf))
-    assert last_line("import json, sys, mjsheaf\nprint(json.dumps(['numpy' in sys.modules]))") == [False]
 
 
 def test_lazy_modules_are_those_that_type_checkers_see() -> None:
