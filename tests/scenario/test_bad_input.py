@@ -34,20 +34,14 @@ CASES = {
     "unknown key inside": ("controller", {"gian": 3}, ["controller.gian", "unknown field", "; did you mean gain?"]),
     "text for a number": ("controller", {"gain": "ten"}, ["controller.gain", "'ten'"]),
     "bool for a number": ("controller", {"gain": True}, ["controller.gain", "True"]),
-    "list for a mapping": ("controller", [1], ["controller"]),
     "axis that it lacks": (
         "anchors",
         [{"agent": "A1", "axes": ["z"], "value": [1]}],
         ["anchors.0", "axes", "[z]", "A1 has x, y"],
     ),
     "NaN": ("controller", {"gain": float("nan")}, ["controller.gain", "finite"]),
-    "position of no Earth": (
-        "agents", [{"id": "A1", "position": [1e200, 0]}, {"id": "A2", "position": [1, 0]}], ["agents.0.position.0"]
-    ),
     "endless time": ("time", {"end": 1e308}, ["time.end", "at most 1e+09"]),
-    "endless gain": ("controller", {"gain": 1e300}, ["controller.gain", "at most 1e+09"]),
     "no timestep at all": ("physics", {"timestep": 1e-310}, ["physics.timestep", "at least 1e-09"]),
-    "tiny timestep": ("physics", {"timestep": 1e-30}, ["physics.timestep", "at least 1e-09"]),
     "yes is text": ("physics", {"contacts": "yes"}, ["physics.contacts", "'yes'"]),
     "a phase without digits": (
         "disturbance", {"agents": {"bound": 1, "frequencies": [1, 1e9]}},
@@ -62,15 +56,9 @@ CASES = {
         "sensing", [{"between": ["A1", "T1"], "map": {"tall": [[1, 0]]}}], ["sensing.0.map.tall", "head, tail"]
     ),
     "number for an edge": ("sensing", [3], ["sensing.0: expected a mapping"]),
-    "speed of a motion": (
-        "target_motion", {"kind": "waypoints", "points": [[1, 2]], "speed": -1}, ["target_motion.speed: expected"]
-    ),
-    "unknown motion": ("target_motion", {"kind": "hover"}, ["target_motion.kind: unknown 'hover'", "waypoints"]),
     "long motion": ("target_motion", {"kind": "a" * 3000}, ["target_motion.kind: unknown 'aaaa", "...", "waypoints"]),
     "motion of no kind": ("target_motion", {"speed": 1}, ["target_motion.kind: missing"]),
-    "infinity": ("time", {"end": float("inf")}, ["time.end", "finite"]),
     "negative gain": ("controller", {"gain": -1}, ["controller.gain", "above 0"]),
-    "negative time": ("time", {"start": -1, "end": 3}, ["time.start", "at least 0"]),
     "end before start": ("time", {"start": 3, "end": 1}, ["time", "after start"]),
     "too short": ("time", {"end": 0.001}, ["time", "end", "control periods"]),
     "no agents": ("agents", [], ["agents"]),
@@ -170,7 +158,6 @@ def test_each_mistake_is_one_clear_line(name: str, tmp_path: Path) -> None:
 BROKEN = {
     "broken YAML": (b"agents: [1, 2\ntargets: 3\n", ["line"]),
     "empty": (b"", ["empty"]),
-    "only a comment": (b"# nothing\n", ["empty"]),
     "a list": (b"- 1\n- 2\n", ["list", "mapping"]),
     "binary": (bytes(range(256)), ["UTF-8"]),
     "control characters": (b"a: \x01\n", ["allowed"]),
@@ -178,7 +165,6 @@ BROKEN = {
     "an anchor": (b"a: &x [1]\nb: *x\n", ["line 1", "anchor"]),
     "a key twice": (b"seed: 1\nseed: 2\n", ["'seed'", "twice"]),
     "a key that is no text": (b"1: 2\n", ["1", "not text"]),
-    "an alias alone": (b"a: *x\n", ["line 1", "alias"]),
     "a bomb": (b"a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nd: &d [*c, *c]\n", ["line 1", "anchor"]),
     "an endless number": (b"seed: " + b"9" * 5000, ["5000 digits"]),
     "an endless number in hexadecimal": (b"seed: 0x" + b"f" * 5000, ["5002 digits"]),
@@ -210,10 +196,6 @@ USAGE: dict[str, tuple[list[str], list[str]]] = {
     "override inside a number": (["run", "midpoint", "--set", "seed.x=3"], ["seed", "whole number"]),
     "override of endless dots": (["run", "midpoint", "--set", "a" + ".a" * 5000 + "=3"], ["--set", "10001 characters"]),
     "override of nothing between dots": (["run", "midpoint", "--set", "controller..gain=3"], ["--set", "..", "empty"]),
-    "override of dots": (["run", "midpoint", "--set", "...=3"], ["--set", "empty"]),
-    "grid of endless dots": (
-        ["sweep", "midpoint", "--grid", "a" + ".a" * 5000 + "=3", "--out", "s"], ["--grid", "10001 characters"]
-    ),
     "grid of nothing between dots": (["sweep", "midpoint", "--grid", "a..b=3", "--out", "s"], ["--grid", "empty"]),
     "override that is not YAML": (["run", "midpoint", "--set", "seed=[1"], ["--set seed"]),
     "seed that is no number": (["run", "midpoint", "--seed", "x"], ["--seed", "integer"]),
@@ -221,9 +203,7 @@ USAGE: dict[str, tuple[list[str], list[str]]] = {
     "unknown option": (["run", "midpoint", "--fast"], ["--fast"]),
     "unknown command": (["fly"], ["fly"]),
     "missing argument": (["run"], ["SCENARIO"]),
-    "expectation of none": (["run", "air_tracks_surface", "--expect", "--backend", "nowhere"], ["nowhere"]),
     "output is here": (["run", "midpoint", "--out", "."], [".: is the current directory", "--out"]),
-    "output is here by another name": (["run", "midpoint", "--out", "{tmp}"], ["is the current directory"]),
     "output is a mount point": (["run", "midpoint", "--out", "/dev/shm"], ["/dev/shm"]),
     "video of nothing": (["video", "{tmp}"], ["result.nc"]),
     "period no multiple": (
@@ -242,33 +222,27 @@ def test_usage(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     _refused([a.replace("{tmp}", str(tmp_path)) for a in arguments], expected, tmp_path)
 
 
-@pytest.mark.parametrize(
-    "place", ["file", "below a file", "foreign directory", "foreign file in a run", "link", "read-only parent"]
-)
-def test_output_is_never_put_over_what_is_not_ours(place: str, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    if place == "file":
-        out.write_text("mine")
-    elif place == "below a file":
-        (tmp_path / "file").write_text("mine")
-        out = tmp_path / "file" / "out"
-    elif place == "foreign directory":
-        out.mkdir()
-        (out / "summary.json").write_text("{}")
-    elif place == "foreign file in a run":
-        out.mkdir()
-        (out / "summary.json").write_text('{"mjsheaf_version": "0"}')
-        (out / "notes.txt").write_text("mine")
-    elif place == "link":
-        (tmp_path / "elsewhere").mkdir()
-        out.symlink_to(tmp_path / "elsewhere")
-    else:
-        out = Path("/proc/mjsheaf/out")  # where nobody, the superuser included, makes directories
-    _refused(
-        ["run", "midpoint", "--backend", "ideal", "--no-video", "--set", "time.end=0.1", "--out", str(out)],
-        [str(out)],
-        tmp_path,
-    )
+PLACES: dict[str, tuple[dict[str, str], str]] = {
+    "file": ({"out": "mine"}, "out"),
+    "below a file": ({"file": "mine"}, "file/out"),
+    "foreign directory": ({"out/summary.json": "{}"}, "out"),
+    "foreign file in a run": ({"out/summary.json": '{"mjsheaf_version": "0"}', "out/notes.txt": "mine"}, "out"),
+    "link": ({}, "link"),
+    "read-only parent": ({}, "/proc/mjsheaf/out"),  # where nobody, the superuser included, makes directories
+}
+"""Files that are there, and where the run is to go."""
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_output_is_never_put_over_what_is_not_ours(name: str, tmp_path: Path) -> None:
+    files, place = PLACES[name]
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    for file, text in files.items():
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text(text)
+    run = ["run", "midpoint", "--backend", "ideal", "--no-video", "--set", "time.end=0.1"]
+    _refused([*run, "--out", str(tmp_path / place)], [str(tmp_path / place)], tmp_path)
 
 
 def test_every_mistake_has_a_line(tmp_path: Path) -> None:
@@ -335,11 +309,6 @@ def test_an_empty_path_is_seen() -> None:
 def test_a_message_has_an_end() -> None:
     assert len(str(ScenarioError("x" * 100_000))) <= 4000
     assert pickle.loads(pickle.dumps(ScenarioError("a", "b"))).args == ("a", "b")
-
-
-def test_python_interface_raises_the_same_errors() -> None:
-    with refused(ScenarioError, "paper", "controller.gain", 0):
-        load_scenario("paper", {"controller.gain": 0})
 
 
 def _refused(arguments: list[str], expected: list[str], folder: Path) -> None:

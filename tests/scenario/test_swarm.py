@@ -104,7 +104,6 @@ def test_places_fill_a_disc_about_the_target_at_their_spacing() -> None:
 def test_a_planar_swarm_has_boats() -> None:
     scenario = load_scenario("swarm", {"swarm.altitude": None, "swarm.vehicle": "otter", "swarm.size": 5})
     assert {len(a.position) for a in scenario.agents} == {2}
-    assert simulate(load_scenario("swarm", {"swarm.size": 4, "time.end": 0.2})).attrs["status"] == "finished"
 
 
 def test_the_resolved_swarm_is_written_out_and_runs_alike(tmp_path: Path) -> None:
