@@ -128,11 +128,6 @@ def test_a_study_file_names_a_law_from_its_own_directory(law: Path, tmp_path: Pa
     assert is_refusal(answer_of("sweep", path, "--out", tmp_path / "t"), "controller", "lies outside")
 
 
-def test_a_law_that_is_missing_is_named(law: Path) -> None:
-    answer = answer_of("sweep", "midpoint", "--controller", f"{law}:missing", "--out", law.parent / "s")
-    assert is_refusal(answer, "'missing'")
-
-
 # -- the page ----------------------------------------------------------------------------------------------------------
 
 
