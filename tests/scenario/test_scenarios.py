@@ -177,6 +177,7 @@ def test_name_is_derived_from_any_file(file: str, name: str, tmp_path: Path) -> 
     text = list_scenarios()["midpoint"].read_text().replace("name: midpoint\n", "")
     (tmp_path / file).write_text(text)
     assert load_scenario(tmp_path / file).name == name
+    assert load_scenario(parse_yaml(text, "text")).name == "scenario"
 
 
 def test_a_run_cut_short_by_an_override_has_no_later_events() -> None:
