@@ -21,9 +21,8 @@ from mjsheaf.studies.plan import ForeignWorkerError, Job
 from mjsheaf.studies.study import run_study
 from mjsheaf.studies.workers import JobResult, SchedulerError, Workers, local_workers, new_record, workers_at
 from mjsheaf.threads import ONE_THREAD
-from tests.builders import IN_THREADS, small_plan
+from tests.builders import IN_THREADS, LAWS, small_plan
 from tests.commands import contents, start, wait_until
-from tests.studies.test_controller import LAW
 
 ASKED = ["midpoint", "--backend", "ideal", "--set", "time.end=0.5", "--grid", "controller.gain=1.0,3.0"]
 ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
@@ -33,14 +32,14 @@ ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
 @pytest.mark.long
 def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
     """One worker and two, processes and threads, in another order too, under a law with a state; but the timings."""
-    (tmp_path / "law.py").write_text(LAW)
+    (tmp_path / "law.py").write_text(LAWS)
     ways: dict[str, Callable[[], AbstractContextManager[Workers]]] = {
         "one thread": IN_THREADS,
         "three threads": partial(local_workers, 3, processes=False),
         "one process": partial(local_workers, 1),
         "two processes": partial(local_workers, 2),
     }
-    for controller in (None, f"{tmp_path / 'law.py'}:Growing"):
+    for controller in (None, f"{tmp_path / 'law.py'}:Stateful"):
         plan = small_plan(seeds=(0, 4), overrides={"spread.position": 1.0}, trajectories=True, controller=controller)
         found = {}
         for name, workers in ways.items():
