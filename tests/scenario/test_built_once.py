@@ -13,9 +13,7 @@ import mjsheaf.scenario.scenario as building
 import mjsheaf.team as teams
 import mjsheaf.vehicles.loading as loading
 from mjsheaf.files import dump_yaml
-from mjsheaf.runs.simulate import simulate
-from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
-from mjsheaf.video.film import film_of
+from mjsheaf.scenario import Scenario, load_scenario
 from tests.builders import make_fields
 from tests.commands import call
 
@@ -72,12 +70,6 @@ def test_a_command_builds_and_compiles_once(
     assert call(command[0], "fleet.yaml", *command[1:]) == 0
     assert set(counts.values()) == {1}, counts
     assert len(counts) >= 4
-
-
-def test_a_run_and_its_film_do(counts: Counter[str]) -> None:
-    scenario = scenario_from_mapping(TEAM)
-    film_of(scenario, simulate(scenario, "physics"))
-    assert set(counts.values()) == {1}, counts
 
 
 def test_a_copy_with_changes_is_built_anew_and_an_equal_one_is_equal() -> None:
