@@ -25,7 +25,6 @@ def redirect(monkeypatch: pytest.MonkeyPatch, err: io.StringIO) -> tuple[io.Stri
 
 
 def test_there_is_a_line_within_a_second_and_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also while the work reports nothing."""
     assert progress.DELAY < 1.0
     assert progress.BETWEEN_LINES + progress._INTERVAL <= 2.2
     now = 0.0

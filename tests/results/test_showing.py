@@ -27,13 +27,8 @@ NAMES = ["errors", "trajectories", "configurations"]
 
 
 @pytest.fixture(scope="module")
-def scenario() -> mjsheaf.Scenario:
-    return mjsheaf.load_scenario("midpoint", {"time.end": 2.0})
-
-
-@pytest.fixture(scope="module")
-def result(scenario: mjsheaf.Scenario) -> xr.Dataset:
-    return mjsheaf.simulate(scenario, "ideal")
+def result() -> xr.Dataset:
+    return mjsheaf.simulate(mjsheaf.load_scenario("midpoint", {"time.end": 2.0}), "ideal")
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,6 @@ def texts(name: str) -> st.SearchStrategy[bytes]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_mutated_is_valid(name: str, tmp_path: Path) -> None:
-    """Else every mutation would be refused for the same reason."""
     path = tmp_path / "scenario.yaml"
     path.write_text(dump_yaml(base(name)))
     load_scenario(path)

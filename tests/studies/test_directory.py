@@ -15,7 +15,7 @@ from mjsheaf.studies.plan import Plan, versions
 from mjsheaf.studies.study import BusyError, open_directory, run_study
 from mjsheaf.studies.workers import SchedulerError
 from tests.builders import IN_THREADS, small_plan
-from tests.commands import answer_of, contents
+from tests.commands import all_contents, answer_of, contents
 from tests.oracles.full_disk import small_disk
 
 
@@ -33,14 +33,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def study(finished: Path, tmp_path: Path) -> Path:
     return shutil.copytree(finished, tmp_path / "study")
-
-
-@pytest.mark.slow
-def test_a_finished_study_is_shown_again_without_a_cluster(study: Path) -> None:
-    before = contents(study)
-    again = run_study(small_plan(), study, never)
-    assert again.begun == 0
-    assert contents(study) == before
 
 
 def test_what_is_missing_or_torn_is_run(study: Path) -> None:
@@ -135,31 +127,26 @@ def test_another_version_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch
             run_study(small_plan(), study, never)
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "result.nc", ".hidden", "scenario.yaml", ".mine.part"])
-def test_a_directory_of_something_else_is_refused(tmp_path: Path, name: str) -> None:
-    (tmp_path / "x").mkdir()
-    (tmp_path / "x" / name).write_text("mine")
-    with pytest.raises(PlaceError, match=f"holds '{name}' and no study"):
-        run_study(small_plan(), tmp_path / "x", never)
-    assert [path.name for path in (tmp_path / "x").iterdir()] == [name]
+STRANGE = ("notes.txt", "result.nc", ".hidden", "scenario.yaml", ".mine.part")
 
 
-def test_strange_places_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(PlaceError, match="not a directory"):
-        run_study(small_plan(), tmp_path / "file", never)
-    with pytest.raises(PlaceError, match="cannot be written"):
-        run_study(small_plan(), tmp_path / "file" / "below", never)
-    (tmp_path / "other").mkdir()
-    for name, text in (("study.json", "[]"), (".mine.part", "mine")):
-        (tmp_path / "other" / name).write_text(text)
-    with pytest.raises(PlaceError, match="study"):
-        run_study(small_plan(), tmp_path / "other", never)
-    assert {p.name for p in (tmp_path / "other").iterdir()} == {"study.json", ".mine.part"}
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "summary.json").write_text(json.dumps({"mjsheaf_version": "1"}))
-    with pytest.raises(PlaceError, match="run"):
-        run_study(small_plan(), tmp_path / "run" / "study", never)
+@pytest.mark.parametrize(
+    ("files", "place", "said"),
+    [
+        *(({f"x/{name}": "mine"}, "x", f"holds '{name}' and no study") for name in STRANGE),
+        ({"x": "mine"}, "x", "not a directory"),
+        ({"x": "mine"}, "x/below", "cannot be written"),
+        ({"x/study.json": "[]", "x/.mine.part": "mine"}, "x", "study"),
+        ({"x/summary.json": '{"mjsheaf_version": "1"}'}, "x/study", "run"),
+    ],
+)
+def test_a_place_of_something_else_is_refused(files: dict[str, str], place: str, said: str, tmp_path: Path) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    with pytest.raises(PlaceError, match=said):
+        run_study(small_plan(), tmp_path / place, never)
+    assert all_contents(tmp_path) == {name: text.encode() for name, text in files.items()}
 
 
 def test_a_study_inside_a_study_is_refused(study: Path) -> None:
@@ -179,7 +166,8 @@ def test_a_second_command_is_refused(study: Path) -> None:
         assert answer.code == 2
         assert "another command uses this study" in answer.err
     assert contents(study) == before
-    assert run_study(small_plan(), study, never).begun == 0
+    assert run_study(small_plan(), study, never).begun == 0  # it is shown again without a cluster
+    assert contents(study) == before
 
 
 # -- a file system that takes nothing; full ones are in attack/test_full_disk.py -------------------------------------
