@@ -49,10 +49,6 @@ QUICK = ["--backend", "ideal", "--no-video"]
 EVERY = [(name, backend) for name in list_scenarios() for backend in ("ideal", "physics")]
 QUICKLY_FILMED = [("midpoint", "ideal")]
 """Tests below draw the video of a diverging run on bodies; the slow tests draw those of healthy runs."""
-FILMED_AGAIN = [*QUICKLY_FILMED, *EVERY[::16]]
-"""Runs whose video is drawn a second time by the command `video`, which reads any run in the same way."""
-
-
 LONG_ON_BODIES = ("certified", "harbour_gusts", "narrow_gate", "range_formation", "swarm_radio_shadow")
 """Scenarios whose runs on bodies take long, or have a loop that no other test compiles."""
 IN_TURN = [run for k, run in enumerate(EVERY) if (k % 2 == 0 if run[0] in LONG_ON_BODIES else k % 4 in (0, 3))]
@@ -104,7 +100,7 @@ def test_run_and_video_of_every_scenario(name: str, backend: str, tmp_path: Path
     out = tmp_path / "out"
     assert call("run", name, "--backend", backend, "--set", "time.end=0.5", *SMALL, "--out", out) == 0
     assert {p.name for p in out.iterdir()} - {"vehicles"} == (set(FILES) if CAN_DRAW else RUN_FILES)
-    if CAN_DRAW and (name, backend) in FILMED_AGAIN:
+    if CAN_DRAW and (name, backend) in QUICKLY_FILMED:
         film_again(out)
 
 
