@@ -74,7 +74,7 @@ def team_error(backend: str, **fields: object) -> np.ndarray:
 
 
 @pytest.mark.long
-def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
+def test_errors_are_those_of_the_runs_and_state_their_norm(compared: RunsRecord) -> None:
     ideal, bodies = team_error("ideal"), team_error("physics")
     late = slice(75, None)
     assert approx(compared.runs[0].final.tracking_error, rel=1e-9) == ideal[-1]
@@ -82,10 +82,6 @@ def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
     assert approx(compared.runs[1].final_difference.tracking_error, rel=1e-6) == bodies[-1] - ideal[-1]
     expected = np.sqrt((bodies[late] ** 2).mean()) - np.sqrt((ideal[late] ** 2).mean())
     assert approx(compared.runs[1].late_difference.tracking_error, rel=1e-6) == expected
-
-
-@pytest.mark.long
-def test_every_error_states_its_norm(compared: RunsRecord) -> None:
     held = [record for _, record in records(compared.model_dump(mode="json")) if errors_of(record)]
     assert len(held) == 4 * len(compared.runs)
     assert {record["norm"] for record in [*held, *compared.model_dump()["runs"]]} == {"per_agent_rms"}
