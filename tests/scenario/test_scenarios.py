@@ -61,13 +61,22 @@ def test_a_free_team_is_refused_or_drifts_and_says_so(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_resolved_scenario_runs_to_the_same_bits(backend: str, tmp_path: Path) -> None:
-    changes = {"time.end": 1, "seed": 11, "controller.gain": 2.5, "summary": "1e3"}  # text that looks like a number
-    scenario = load_scenario("local_frames", changes)
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("local_frames", {"controller.gain": 2.5, "summary": "1e3"}),  # text that looks like a number
+        ("swarm", {"swarm.size": 6, "swarm.graph": "small_world"}),  # whose agents are written out
+    ],
+)
+def test_resolved_scenario_runs_to_the_same_bits(
+    name: str, changes: dict[str, object], backend: str, tmp_path: Path
+) -> None:
+    scenario = load_scenario(name, {**changes, "time.end": 0.5, "seed": 11})
     path = tmp_path / "scenario.yaml"
     path.write_text(dump_scenario(scenario))
     again = load_scenario(path)
     assert again == scenario
+    assert again.swarm is None
     xr.testing.assert_identical(mjsheaf.simulate(scenario, backend), mjsheaf.simulate(again, backend))
 
 
