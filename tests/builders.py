@@ -437,6 +437,38 @@ def small_plan(gains: tuple[float, ...] = (1.0, 3.0), seeds: tuple[int, int] | N
     )
 
 
+# -- laws in Python ---------------------------------------------------------------------------------------------------
+
+
+LAWS = '''
+class Same:
+    """-k1 eta, the paper's law at gain 1."""
+
+    def __call__(self, t, sample):
+        return -1.0 * sample.disagreement
+
+
+class Stateful:
+    """A law whose gain grows by one with each call: a second run must begin anew."""
+
+    def __init__(self):
+        self.calls = 0
+
+    def __call__(self, t, sample):
+        self.calls += 1
+        return -0.01 * self.calls * sample.disagreement
+
+
+def wild(t, sample):
+    return (-1.0) ** round(t / 0.02) * (5.0 + 0.0 * sample.disagreement)
+
+
+def broken(t, sample):
+    raise ValueError("no such luck")
+'''
+"""A file of laws: the paper's, one with a state, and two that fail in their way."""
+
+
 # -- videos ------------------------------------------------------------------------------------------------------------
 
 

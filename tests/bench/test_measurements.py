@@ -1,31 +1,19 @@
 """Rows of measurements have verdicts that follow from their numbers. Speed itself is not tested."""
 
-import json
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from benchmarks import counting, hardware, peers, processes, simulations
-from benchmarks.measuring import TOPICS, Row, at_least, at_most, best, informs, run_bench, swarm
+from benchmarks.measuring import TOPICS, Row, at_least, at_most, informs, run_bench, swarm
 from mjsheaf.errors import InputError
 from mjsheaf.loop.session import ENGINES
 from mjsheaf.vectors import rotation
 from tests.builders import refused
-
-
-def well_formed(rows: list[Row], topic: str) -> None:
-    assert rows
-    for row in rows:
-        assert row.topic == topic
-        assert row.ours is not None
-        assert row.ours > 0.0
-        assert (row.met is None) == (row.wanted == "")
-        if row.wanted:
-            assert row.ratio is not None
-            kind, bound = row.wanted.rsplit(" ", 1)
-            assert row.met == {"at most": row.ratio <= float(bound), "at least": row.ratio >= float(bound)}[kind]
+from tests.strategies import long
 
 
 def test_a_row_says_whether_its_bound_holds() -> None:
@@ -37,48 +25,41 @@ def test_a_row_says_whether_its_bound_holds() -> None:
     assert informs("t", "w", None).ratio is None
 
 
-def test_a_clock_calls_what_it_times_so_often() -> None:
-    calls: list[int] = []
-    assert best(lambda: calls.append(0), 3) >= 0.0
-    assert len(calls) == 3
-
-
-def test_loop() -> None:
-    rows = simulations.loop(short=True, sizes=(2, 4))
-    well_formed(rows, "loop")
-    assert [row.what.split(", ")[1] for row in rows[:3]] == ["17 vehicles", "3 vehicles", "5 vehicles"]
-    assert rows[3].ratio == pytest.approx((rows[2].ours or 0.0) / 5 / ((rows[1].ours or 0.0) / 3))
-
-
-@pytest.mark.long
-def test_fused() -> None:
-    rows = simulations.fused(short=True, sizes=(20, 40, 60))
-    well_formed(rows, "fused")
-    assert [row.what.split()[0] for row in rows if "tilted" in row.what] == ["21", "41"]
-    (run,) = [row for row in rows if row.what.startswith("published")]
-    assert "49980 steps" in run.what
-
-
-@pytest.mark.long
-def test_threads_give_the_same_bits() -> None:
-    rows = simulations.threads(short=True, sizes=(20, 40), ends=(0.11, 0.11))
-    well_formed(rows, "threads")
-    assert not any("DIFFER" in row.note for row in rows)
-
-
-@pytest.mark.slow(first=True)
-def test_assembly_counts_every_vehicle() -> None:
-    (row,) = simulations.assembly(size=5)
-    well_formed([row], "assembly")
-    assert "6 vehicles" in row.what
-
-
-@pytest.mark.long
-def test_peers_measured_elsewhere_stand_next_to_every_engine() -> None:
-    rows = peers.peers(short=True, sizes=(13,))
-    well_formed(rows, "peers")
-    assert {row.note for row in rows} == {f"{peer}, measured elsewhere" for peer in peers.PEERS}
-    assert {row.what.split()[3].rstrip(",") for row in rows} == set(ENGINES)
+@pytest.mark.parametrize(
+    ("topic", "measure", "named"),
+    [
+        ("loop", lambda: simulations.loop(True, sizes=(2, 4)), ["17 vehicles", "3 vehicles", "5 vehicles"]),
+        pytest.param(
+            "assembly", lambda: simulations.assembly(size=5), ["6 vehicles"], marks=pytest.mark.slow(each=True)
+        ),
+        long("fused", lambda: simulations.fused(True, sizes=(20, 40, 60)), ["49980 steps", "21 tilted", "41 tilted"]),
+        long("threads", lambda: simulations.threads(True, sizes=(20, 40), ends=(0.11, 0.11)), []),
+        long(
+            "peers",
+            lambda: peers.peers(True, sizes=(13,)),
+            [*ENGINES, *(f"{peer}, measured elsewhere" for peer in peers.PEERS)],
+        ),
+        long("startup", lambda: processes.startup(True), []),
+    ],
+)
+def test_rows_of_a_topic_have_verdicts(topic: str, measure: Callable[[], list[Row]], named: list[str]) -> None:
+    """Of small measurements, which name what they measured; more threads give the same bits."""
+    rows = measure()
+    told = " ".join(f"{row.what} {row.note}" for row in rows)
+    assert rows
+    assert all(words in told for words in named)
+    assert "DIFFER" not in told
+    for row in rows:
+        assert row.topic == topic
+        assert row.ours is not None
+        assert row.ours > 0.0
+        assert (row.met is None) == (row.wanted == "")
+        if row.wanted:
+            assert row.ratio is not None
+            kind, bound = row.wanted.rsplit(" ", 1)
+            assert row.met == {"at most": row.ratio <= float(bound), "at least": row.ratio >= float(bound)}[kind]
+    if topic == "loop":  # the time a vehicle takes in a swarm, over that in a smaller one
+        assert rows[3].ratio == pytest.approx((rows[2].ours or 0.0) / 5 / ((rows[1].ours or 0.0) / 3))
 
 
 def test_peers_that_another_python_has_are_measured_in_the_same_run(tmp_path: Path) -> None:
@@ -108,11 +89,6 @@ def test_operations_are_counted() -> None:
     assert counting.counted == {"sums": 12, "products": 27}
 
 
-@pytest.mark.long
-def test_startup() -> None:
-    well_formed(processes.startup(short=True), "startup")
-
-
 def test_a_swarm_has_the_size_and_the_fields_that_are_asked_for() -> None:
     system = swarm(10, "quadrotor", physics__timestep=0.004).system
     assert system.bodies.vehicle == ["quadrotor"] * 10 + ["x500"]
@@ -120,13 +96,5 @@ def test_a_swarm_has_the_size_and_the_fields_that_are_asked_for() -> None:
     assert system.team.dirichlet.unique
 
 
-@pytest.mark.long
-def test_the_table_gathers_topics_in_order() -> None:
-    seen: list[tuple[str, int, int]] = []
-    found = run_bench(["ideal"], progress=lambda *report: seen.append(report))
-    assert seen == [("measuring", 0, 1), ("measuring", 1, 1)]
-    assert found["figures"] == {"ideal": {row["what"]: row["ours"] for row in found["rows"]}}
-    assert {row["topic"] for row in found["rows"]} == {"ideal"}
-    assert found["machine"]["processors"] >= 1
-    json.dumps(found)
+def test_every_topic_has_its_measurement() -> None:
     assert all(callable(getattr(import_module(module), topic)) for topic, module in TOPICS.items())

@@ -1,16 +1,11 @@
 """A command imports little before it starts, and a second process finds its kernels compiled."""
 
-import ast
 import json
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
-import mjsheaf
-from mjsheaf import lazy
 from tests.commands import IDEAL, python
 
 HEAVY = {"mujoco", "numba", "llvmlite", "matplotlib", "scipy", "numpy", "xarray", "networkx", "yaml", "PIL", "pydantic"}
@@ -90,23 +85,3 @@ def test_a_second_process_compiles_nothing(backend: str, period: float) -> None:
         hits, misses = last_line(code)
     assert hits > 0
     assert misses == 0
-
-
-def test_names_are_imported_when_first_used() -> None:
-    assert set(mjsheaf.__all__) <= set(dir(mjsheaf))
-    assert last_line("import json, sys, mjsheaf\nprint(json.dumps(['numpy' in sys.modules]))") == [False]
-
-
-def test_lazy_modules_are_those_that_type_checkers_see() -> None:
-    tree = ast.parse(Path(lazy.__file__).read_text(encoding="utf-8"))
-    seen: dict[str, ModuleType] = {}
-    for node in ast.walk(next(node for node in tree.body if isinstance(node, ast.If))):
-        if isinstance(node, ast.Import):
-            seen |= {str(alias.asname): import_module(alias.name) for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            seen |= {alias.name: import_module(f"{node.module}.{alias.name}") for alias in node.names}
-    assert seen.keys() == vars(lazy)["_PLACES"].keys()
-    for name, module in seen.items():
-        assert getattr(lazy, name) is module
-    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
-        getattr(lazy, "nothing")  # noqa: B009

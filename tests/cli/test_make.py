@@ -63,27 +63,19 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")
 @pytest.mark.parametrize(
-    ("goal", "prepares", "chosen"),
+    ("goal", "parts"),
     [
-        ("test", True, ["-m", "not slow"]),
-        ("test-ci", False, ["-m", "not long"]),
-        ("test-all", True, ["--hypothesis-profile", "all", "--hypothesis-seed", "7"]),
+        ("test", ["ruff check", "ruff format --check", "mypy", "tests.compiled mujoco", '-m "not slow"']),
+        ("test-ci", ['-m "not long"']),
+        ("test-all", ["mypy", "tests.compiled fused", "MJSHEAF_SEED=7", "--hypothesis-seed 7"]),
     ],
 )
-def test_each_goal_prepares_and_runs_its_tests(goal: str, prepares: bool, chosen: list[str], tmp_path: Path) -> None:
-    stamp, called = tmp_path / "installed", tmp_path / "called"
-    stamp.touch()
-    for name in ("ruff", "mypy", "python", "pytest"):
-        stand_in(tmp_path / "bin", name, f"""echo "$(printf '%s|' {name} "$@")" >> {called}""")
-    variables = [f"BIN={tmp_path / 'bin'}", "SEED=7", *(f"{name}={stamp}" for name in ("STAMP", "TESTS"))]
+def test_each_goal_prepares_and_runs_its_tests(goal: str, parts: list[str]) -> None:
     # A make around this test hands its own variables down.
     environment = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MFLAGS", "SEED")}
-    subprocess.run(["make", "-C", str(REPOSITORY), goal, *variables], env=environment, capture_output=True, check=True)
-    *before, tests = (line.split("|")[:-1] for line in called.read_text().splitlines())
-    linters = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["python", "tools/budget.py"]]
-    loops = [["python", "-m", "tests.compiled", loop] for loop in ("mujoco", "fused", "ideal")]
-    assert sorted(before) == sorted([*loops, *linters] if prepares else [])
-    assert tests == ["pytest", "-n", "2", "--dist", "worksteal", *chosen]
+    command = ["make", "-n", "-C", str(REPOSITORY), goal, "SEED=7"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert all(part in done.stdout for part in parts)
 
 
 def test_uv_looks_where_pip_does() -> None:

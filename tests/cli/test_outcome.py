@@ -69,7 +69,6 @@ def test_the_first_line_is_there_at_once(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_that_bodies_exceed_the_bound_of_ideal_kinematics_is_no_news(tmp_path: Path) -> None:
-    """The page and summary.json have it."""
     answer = answer_of("run", "midpoint", "--set", "time.end=2", "--no-video", "--out", tmp_path / "out")
     notes = json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]
     assert [note["kind"] for note in notes] == ["bound"]

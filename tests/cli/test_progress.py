@@ -17,15 +17,14 @@ from mjsheaf.compile import jit
 from tests.commands import wait_until
 
 
-def redirect(monkeypatch: pytest.MonkeyPatch) -> tuple[io.StringIO, io.StringIO]:
-    out, err = io.StringIO(), io.StringIO()
+def redirect(monkeypatch: pytest.MonkeyPatch, err: io.StringIO) -> tuple[io.StringIO, io.StringIO]:
+    out = io.StringIO()
     monkeypatch.setattr(sys, "stdout", out)
     monkeypatch.setattr(sys, "stderr", err)
     return out, err
 
 
 def test_there_is_a_line_within_a_second_and_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also while the work reports nothing."""
     assert progress.DELAY < 1.0
     assert progress.BETWEEN_LINES + progress._INTERVAL <= 2.2
     now = 0.0
@@ -42,7 +41,7 @@ def test_there_is_a_line_within_a_second_and_every_two_seconds(monkeypatch: pyte
 def test_lines_say_how_far_the_work_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "DELAY", 0.0)
     monkeypatch.setattr(progress, "BETWEEN_LINES", 0.0)
-    out, err = redirect(monkeypatch)
+    out, err = redirect(monkeypatch, io.StringIO())
     with options.progress_bars("loading") as report:
         wait_until(lambda: "loading, 0 s since the start" in out.getvalue())
         report("drawing video", 30, 120)
@@ -50,21 +49,15 @@ def test_lines_say_how_far_the_work_is(monkeypatch: pytest.MonkeyPatch) -> None:
     assert err.getvalue() == ""  # which is for the one line of an error
 
 
-def test_what_is_short_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    streams = redirect(monkeypatch)
-    monkeypatch.setattr(progress, "DELAY", 60.0)  # of a machine that may be busy
-    with options.progress_bars() as report:
-        for done in range(1000):
-            report("simulating", done, 1000)
-    assert [stream.getvalue() for stream in streams] == ["", ""]
-
-
-def test_what_prints_json_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    streams = redirect(monkeypatch)
-    monkeypatch.setattr(progress, "DELAY", 0.0)
-    with options.progress_bars(lines=None) as report:
+@pytest.mark.parametrize(("delay", "given"), [(60.0, {}), (0.0, {"lines": None})], ids=["short", "JSON"])
+def test_what_is_short_or_prints_json_says_nothing(
+    delay: float, given: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    streams = redirect(monkeypatch, io.StringIO())
+    monkeypatch.setattr(progress, "DELAY", delay)  # a minute, as a machine may be busy
+    with options.progress_bars(**given) as report:
         for done in range(10):
-            report("measuring", done, 10)
+            report("working", done, 10)
             time.sleep(0.03)
     assert [stream.getvalue() for stream in streams] == ["", ""]
 
@@ -81,10 +74,7 @@ def test_compiling_is_shown_within_a_second(terminal_there: bool, monkeypatch: p
     """In the bar of a terminal; elsewhere on stdout, once in a while."""
     assert progress.DELAY + progress._INTERVAL < 1.0
     assert not jit.is_compiling()
-    out: Any = io.StringIO()
-    err: Any = Screen() if terminal_there else io.StringIO()
-    monkeypatch.setattr(sys, "stdout", out)
-    monkeypatch.setattr(sys, "stderr", err)
+    out, err = redirect(monkeypatch, Screen() if terminal_there else io.StringIO())
     monkeypatch.setenv("TERM", "xterm")
     data = {"dispatcher": SimpleNamespace(py_func=wait_until)}
     shown = err if terminal_there else out

@@ -24,7 +24,7 @@ from mjsheaf.scenario import load_scenario
 from mjsheaf.video.film import Frames, VideoOptions, both_films, half_options
 from mjsheaf.video.gl import available_backend
 from mjsheaf.video.overlay import Overlay
-from tests.builders import REPOSITORY, known, require, two_boats
+from tests.builders import REPOSITORY, require, two_boats
 from tests.commands import Capture, answer_of, call, is_refusal, one_line
 from tests.pictures import is_legible
 
@@ -44,22 +44,6 @@ def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[str], Comp
     return lines[first:], record, out
 
 
-@pytest.mark.slow
-def test_budgets_are_of_the_errors_of_bodies(record: CompareRecord) -> None:
-    """That they sum up is tried in test_ladder.py."""
-    for budget in record.budgets:
-        errors = getattr(record.rung("all").errors[budget.scope], budget.statistic)
-        assert budget.all_m == getattr(errors, budget.measure)
-
-
-@pytest.mark.slow
-def test_the_ideal_run_is_no_distance_from_itself(record: CompareRecord) -> None:
-    distance = known(record.rung("ideal").distance)
-    assert distance.distance_m == 0.0
-    for rung in record.ladder[1:]:
-        assert known(rung.distance_late).distance_m <= known(rung.distance).distance_m
-
-
 def test_the_page_has_everything_and_fits(record: CompareRecord) -> None:
     page = report_text(record)
     assert max(map(len, page.splitlines())) <= WIDTH
@@ -75,15 +59,6 @@ def test_no_real_vehicle_follows_what_is_too_fast() -> None:
     assert "targets of kind submersible" in told
     assert "slow motion and gain" in told
     assert "x500" in told
-
-
-@pytest.mark.slow
-def test_a_vehicle_that_is_too_slow_is_named() -> None:
-    fast = {"kind": "lissajous", "amplitude": [40, 40], "rate": [0.3, 0.3], "phase": [1.57, 0]}
-    scenario = two_boats("otter", "otter", targets=[{"id": "T1", "position": [0, 0], "motion": fast}])
-    told = [s for s in compare(scenario).record.verdict if "beyond their" in s]
-    assert len(told) == 1 or len(told) == 2
-    assert "otter" in told[0]
 
 
 @pytest.mark.slow
@@ -109,6 +84,7 @@ def test_command_publishes_and_replaces_its_own(
     record = CompareRecord.model_validate(found)
     assert record.video is None
     assert record.time_s == pytest.approx(1.0)
+    assert record.phases == []
     assert yaml.safe_load((out / "scenario.yaml").read_text())["time"]["end"] == 1
     assert call("schema", "--compare") == 0
     jsonschema.validate(found, json.loads(capsys.readouterr().out))

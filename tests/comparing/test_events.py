@@ -3,8 +3,6 @@
 Oracles: plain runs with the same events; the identity that a budget satisfies.
 """
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,12 +16,9 @@ from mjsheaf.comparing.compare import Comparison
 from mjsheaf.comparing.margins import worst_loop
 from mjsheaf.comparing.page import WIDTH, report_text
 from mjsheaf.comparing.variants import present_in
-from mjsheaf.files import dump_yaml
 from mjsheaf.results.metrics import summarize_phases
 from mjsheaf.scenario import Scenario
-from mjsheaf.video.film import both_films, half_options
 from tests.builders import approx, known, list_members, two_boats
-from tests.commands import call
 from tests.running import rms_error
 
 EVENTS: list[dict[str, Any]] = [
@@ -71,33 +66,27 @@ def test_phases_are_those_of_plain_runs(record: CompareRecord) -> None:
 
 
 @pytest.mark.long
-def test_the_late_error_of_a_phase_is_that_of_its_last_half(record: CompareRecord) -> None:
-    dataset = simulate(three_boats(), "ideal")
-    time = dataset["time"].values
-    error = rms_error(dataset)
-    chosen = (time >= 1.49 - 1e-9) & (time < 2.0 - 1e-9)
-    expected = np.sqrt((error[chosen] ** 2).mean())
+def test_the_late_error_of_a_phase_is_that_of_its_last_half(record: CompareRecord, comparison: Comparison) -> None:
+    dataset = comparison.runs["ideal"].dataset
+    late = rms_error(dataset.sel(time=slice(1.49 - 1e-9, 2.0 - 1e-9)))
+    expected = np.sqrt((late**2).mean())
     assert approx(record.phases[1].errors["ideal"]["team"].late.tracking_error, rel=1e-9) == expected
 
 
 @pytest.mark.slow
 def test_each_phase_has_budgets_of_its_own_errors(record: CompareRecord) -> None:
-    for phase in record.phases:
-        assert len(phase.budgets) == len(record.budgets)
-        for budget in phase.budgets:
-            errors = getattr(phase.errors["all"][budget.scope], budget.statistic)
-            assert budget.all_m == getattr(errors, budget.measure)
-        assert phase.levers
-
-
-def test_the_whole_run_keeps_its_fields(record: CompareRecord) -> None:
-    last = record.phases[-1].errors["all"]["team"].final
-    assert record.rung("all").errors["team"].final == last
+    """So has the whole run, which ends as its last phase and begins with the gain that is shown."""
+    whole = record.rung("all").errors
+    for budgets, errors in (
+        (record.budgets, whole),
+        *((phase.budgets, phase.errors["all"]) for phase in record.phases),
+    ):
+        assert len(budgets) == len(record.budgets)
+        for budget in budgets:
+            assert budget.all_m == getattr(getattr(errors[budget.scope], budget.statistic), budget.measure)
+    assert all(phase.levers for phase in record.phases)
+    assert whole["team"].final == record.phases[-1].errors["all"]["team"].final
     assert record.gain == 1.0
-    assert record.loop is not None
-    assert record.ringing is not None
-    assert record.ringing_phase in range(3)
-    assert record.verdict
 
 
 @pytest.mark.parametrize(
@@ -127,10 +116,11 @@ def test_an_absent_agent_counts_neither_in_distances_nor_in_saturation(compariso
     assert not present[50:100, 2].any()
     assert present[100:, 2].all()
     apart = np.linalg.norm(np.nan_to_num((bodies["agent_position"] - ideal["agent_position"]).values), axis=2)
-    distance = known(comparison.record.rung("all").distance)
-    assert distance.distance_m == approx(np.where(present, apart, 0.0).max())
+    found = comparison.record.rung("all")
+    for distance, first in ((found.distance, 0), (found.distance_late, 75)):
+        assert known(distance).distance_m == approx(np.where(present, apart, 0.0)[first:].max())
     saturation = bodies["agent_saturation"].values
-    assert comparison.record.rung("all").saturation[0].share == approx(saturation[present].mean())
+    assert found.saturation[0].share == approx(saturation[present].mean())
 
 
 def test_a_run_is_that_of_a_plain_simulation(comparison: Comparison) -> None:
@@ -156,21 +146,3 @@ def test_a_run_that_blows_up_in_a_later_phase_keeps_the_earlier_ones() -> None:
     first, second = record.phases
     assert first.errors["all"]["team"].final.tracking_error is not None
     assert second.errors["all"]["team"].final.tracking_error is None
-
-
-def test_both_films_have_the_stages(comparison: Comparison) -> None:
-    scenario = three_boats()
-    data = [comparison.runs[key].dataset for key in ("ideal", "all")]
-    films = both_films(scenario, data[0], data[1], half_options(scenario))
-    assert [[stage.name for stage in film.stages] for film, _ in films] == [["", "lose A3", "join A3, gain = 2.0"]] * 2
-
-
-@pytest.mark.long
-def test_the_command_publishes_the_phases(tmp_path: Path) -> None:
-    path = tmp_path / "three.yaml"
-    own = three_boats(vehicles=HULLS, time={"end": 2.2})
-    path.write_text(dump_yaml(own.model_dump(mode="json", exclude_none=True)))
-    assert call("compare", path, "--no-video", "--out", tmp_path / "out") == 0
-    found = json.loads((tmp_path / "out" / "compare.json").read_text())
-    assert [phase["start"] for phase in found["phases"]] == [0.0, 1.0, 2.0]
-    assert compare(three_boats(vehicles=HULLS, events=[], time={"end": 0.5})).record.phases == []

@@ -19,35 +19,9 @@ from mjsheaf.runs.expecting import expected_law, try_scenario
 from mjsheaf.runs.publish import account_of
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.load import find_law, load_controller, same_law
-from tests.builders import require, two_boats
+from tests.builders import LAWS, require, two_boats
 from tests.commands import Capture, answer_of, call, is_refusal
 
-LAWS = '''
-class Same:
-    """-k1 eta, the paper's law at gain 1."""
-
-    def __call__(self, t, sample):
-        return -1.0 * sample.disagreement
-
-
-class Stateful:
-    """A law whose gain grows by one with each call: a second run must begin anew."""
-
-    def __init__(self):
-        self.calls = 0
-
-    def __call__(self, t, sample):
-        self.calls += 1
-        return -0.01 * self.calls * sample.disagreement
-
-
-def wild(t, sample):
-    return (-1.0) ** round(t / 0.02) * (5.0 + 0.0 * sample.disagreement)
-
-
-def broken(t, sample):
-    raise ValueError("no such luck")
-'''
 HULLS = {"agents": "hull", "targets": "hull"}
 
 
@@ -127,14 +101,8 @@ def test_notes_do_not_advise_a_gain_that_the_law_ignores(laws: Path) -> None:
 
 def test_a_law_that_fails_is_refused_in_one_line(laws: Path, tmp_path: Path) -> None:
     out: list[str | Path] = ["--set", "time.end=0.5", "--no-video", "--out", tmp_path / "out"]
-    for source, words in (
-        (f"{laws}:broken", "no such luck"),
-        (f"{laws}:missing", "'missing'"),
-        (f"{tmp_path}/none.py:law", "no file"),
-        ("law", "FILE.py:NAME"),
-        ("", "FILE.py:NAME"),
-    ):
-        assert is_refusal(answer_of("compare", "midpoint", *out, "--controller", source), words)
+    for name, words in (("broken", "no such luck"), ("missing", "'missing'")):
+        assert is_refusal(answer_of("compare", "midpoint", *out, "--controller", f"{laws}:{name}"), words)
         assert not (tmp_path / "out").exists()
 
 

@@ -14,17 +14,14 @@ from matplotlib.figure import Figure
 
 import mjsheaf
 from mjsheaf.errors import InputError, PlaceError
-from mjsheaf.files import digest
 from mjsheaf.page.page import Ghost, Packer, add_ghosts
-from mjsheaf.results import store
-from mjsheaf.results.store import RUNS_FILES, write_dataset
+from mjsheaf.results.store import RUNS_FILES
 from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, compare_runs, open_runs, publish_runs
-from mjsheaf.runs.publish import account_of, write_scenario
-from mjsheaf.scenario import Scenario
 from mjsheaf.show.played import Region
 from tests.builders import approx, list_members, two_boats
 from tests.checking.test_norms import errors_of, records
 from tests.commands import Capture, answer_of, call, is_refusal
+from tests.conftest import draw_nothing
 from tests.page.pages import said_in
 from tests.running import rms_error
 
@@ -52,19 +49,11 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("later", "ideal", {"time": {"start": 5.0, "end": 6.0}}),
         ("lost", "ideal", {"events": [{"time": 1.0, "lose": "A2"}]}),
     ):
-        scenario = two_boats("hull", "hull", **fields)
-        leave_run(scenario, backend, folder / name)
+        with pytest.MonkeyPatch.context() as without:
+            draw_nothing(without)
+            dataset = mjsheaf.simulate(two_boats("hull", "hull", **fields), backend)
+            mjsheaf.save(dataset, folder / name, video=False)
     return folder
-
-
-def leave_run(scenario: Scenario, backend: str, directory: Path) -> None:
-    """Write what of a run is read again, without plots and page."""
-    directory.mkdir()
-    dataset = mjsheaf.simulate(scenario, backend)
-    write_dataset([dataset], directory / "result.nc")
-    write_scenario(scenario, directory)
-    summary, _, _ = account_of(scenario, scenario.phases, dataset)
-    store.save_summary(summary | {store.RESULT_DIGEST: digest(directory / "result.nc")}, directory / "summary.json")
 
 
 @pytest.fixture
@@ -85,7 +74,7 @@ def team_error(backend: str, **fields: object) -> np.ndarray:
 
 
 @pytest.mark.long
-def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
+def test_errors_are_those_of_the_runs_and_state_their_norm(compared: RunsRecord) -> None:
     ideal, bodies = team_error("ideal"), team_error("physics")
     late = slice(75, None)
     assert approx(compared.runs[0].final.tracking_error, rel=1e-9) == ideal[-1]
@@ -93,10 +82,6 @@ def test_errors_are_those_of_the_runs(compared: RunsRecord) -> None:
     assert approx(compared.runs[1].final_difference.tracking_error, rel=1e-6) == bodies[-1] - ideal[-1]
     expected = np.sqrt((bodies[late] ** 2).mean()) - np.sqrt((ideal[late] ** 2).mean())
     assert approx(compared.runs[1].late_difference.tracking_error, rel=1e-6) == expected
-
-
-@pytest.mark.long
-def test_every_error_states_its_norm(compared: RunsRecord) -> None:
     held = [record for _, record in records(compared.model_dump(mode="json")) if errors_of(record)]
     assert len(held) == 4 * len(compared.runs)
     assert {record["norm"] for record in [*held, *compared.model_dump()["runs"]]} == {"per_agent_rms"}

@@ -45,12 +45,9 @@ def run(request: pytest.FixtureRequest, scenario: Scenario) -> xr.Dataset:
     return simulate(scenario, backend=request.param)
 
 
-def write(
-    name: str, path: Path, run: xr.Dataset, scenario: Scenario, samples: int = 10**6, source: Path | None = None
-) -> Path:
-    if source is None:
-        source = path.parent / "scenario.yaml"
-        source.write_text("name: it\n")
+def write(name: str, path: Path, run: xr.Dataset, scenario: Scenario, samples: int = 10**6) -> Path:
+    source = path.parent / "scenario.yaml"
+    source.write_text("name: it\n")
     (kind,) = require_installed([name])
     send(split(run, samples), kind(path, scenario, scenario.phases, source))
     return path

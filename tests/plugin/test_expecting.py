@@ -48,11 +48,6 @@ def test_rounding_goes_up_to_three_digits_and_no_further(value: float) -> None:
     assert float(f"{rounded:.3g}") == rounded
 
 
-@pytest.mark.parametrize(("value", "rounded"), [(0.184, 0.184), (0.1841, 0.185), (999.1, 1000.0), (1.0, 1.0), (7, 7.0)])
-def test_rounding(value: float, rounded: float) -> None:
-    assert round_up(value) == rounded
-
-
 def test_bounds_are_what_was_found_and_a_margin() -> None:
     trial = Trial("ideal", "finished", "", {"mean_disagreement": 1.0, "tracking_error": 0.0, "formation_error": None})
     assert bounds_from(trial, 0.05) == {"mean_disagreement": 1.05, "tracking_error": 1e-9}

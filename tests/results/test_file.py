@@ -15,7 +15,7 @@ import xarray as xr
 from mjsheaf import simulate
 from mjsheaf.results import store
 from mjsheaf.results.dataset import join, make_datasets
-from mjsheaf.results.store import length_of_piece, open_dataset, pieces_of, thinned, write_dataset
+from mjsheaf.results.store import open_dataset, pieces_of, thinned, write_dataset
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -112,21 +112,6 @@ def test_thinned_keeps_the_ends_and_reads_what_it_says(
     assert float(few["time"][0]) == 0.0
     assert float(few["time"][-1]) == float(whole["time"][-1])
     xr.testing.assert_identical(few, whole.sel(time=few["time"]))
-
-
-@pytest.mark.long
-def test_a_long_run_of_few_vehicles_is_read_in_few_pieces(piece: Callable[[int], None], tmp_path: Path) -> None:
-    """Each read has a fixed cost: pieces are whole parts of the file, as large as bounded memory allows."""
-    piece(10)
-    run = written(scenario(end=5.0), "ideal", tmp_path / "run.nc")
-    vehicles, (chunk, *_) = run.sizes["agent"] + run.sizes["target"], run["agent_position"].encoding["chunksizes"]
-    assert (chunk, run.sizes["time"]) == (10, 501)
-    assert [part.sizes["time"] for part in pieces_of(run, ["agent_position"])] == [501]
-    many = run.isel(agent=np.zeros(10_000, dtype=int))  # as if there were 10,000 agents
-    many["agent_position"].encoding = run["agent_position"].encoding
-    length = length_of_piece(many)
-    assert length % chunk == 0
-    assert 0.5 * 2**18 < length * (10_000 + vehicles) <= 2**18
 
 
 @pytest.mark.long

@@ -53,7 +53,6 @@ def test_data_in_memory_leave_what_a_run_leaves(backend: str, law: dict[str, int
 
 @pytest.mark.slow
 def test_timings_say_where_the_time_went(short: Scenario, tmp_path: Path) -> None:
-    """Oracle: a clock around everything."""
     begun = time.perf_counter()
     summary = execute(short, "ideal", tmp_path / "run", video=None).summary
     elapsed = time.perf_counter() - begun

@@ -21,20 +21,14 @@ import mjsheaf
 from mjsheaf.errors import InputError
 from mjsheaf.runs.publish import plot_again
 from mjsheaf.show.plots import write_figure
-from tests.commands import answer_of, is_refusal
 from tests.page.pages import Elements
 
 NAMES = ["errors", "trajectories", "configurations"]
 
 
 @pytest.fixture(scope="module")
-def scenario() -> mjsheaf.Scenario:
-    return mjsheaf.load_scenario("midpoint", {"time.end": 2.0})
-
-
-@pytest.fixture(scope="module")
-def result(scenario: mjsheaf.Scenario) -> xr.Dataset:
-    return mjsheaf.simulate(scenario, "ideal")
+def result() -> xr.Dataset:
+    return mjsheaf.simulate(mjsheaf.load_scenario("midpoint", {"time.end": 2.0}), "ideal")
 
 
 @pytest.fixture(scope="module")
@@ -147,10 +141,3 @@ def test_plots_are_drawn_again_one_by_one_and_a_refusal_leaves_nothing(directory
     assert found == sorted(tmp_path / "plots" / f"{name}.png" for name in NAMES)
     assert all(file.read_bytes() == (directory / file.name).read_bytes() for file in found)
     assert reported == [("plotting", done, len(NAMES)) for done in range(len(NAMES) + 1)]
-
-
-def test_a_machine_without_opengl_is_told_so(directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjsheaf.video.gl.available_backend", lambda: (None, "nothing works"))
-    answer = answer_of("video", directory, "--out", tmp_path / "a.mp4")
-    assert is_refusal(answer, "no video can be drawn here: nothing works")
-    assert list(tmp_path.iterdir()) == []

@@ -29,13 +29,6 @@ def tree(directory: Path) -> list[str]:
     return sorted(str(p.relative_to(directory)) for p in directory.rglob("*"))
 
 
-def test_published_whole_and_replaced(tmp_path: Path) -> None:
-    for word in ("first", "second"):
-        publish(tmp_path / "a" / "run", word)
-        assert tree(tmp_path) == ["a", "a/run", "a/run/summary.json"]
-        assert json.loads((tmp_path / "a" / "run" / "summary.json").read_text())["word"] == word
-
-
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_failure_leaves_what_was_there(error: type[BaseException], tmp_path: Path) -> None:
     (tmp_path / "old").mkdir()

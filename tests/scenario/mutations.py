@@ -148,12 +148,6 @@ def base(name: str) -> dict[str, Any]:
 
 
 @st.composite
-def trees(draw: st.DrawFn, name: str) -> bytes:
-    """The file of a scenario with one to three of its nodes mutated."""
-    return draw(mutated_tree(base(name)))
-
-
-@st.composite
 def mutated_tree(draw: st.DrawFn, whole: Tree) -> bytes:
     """YAML of a tree with one to three of its nodes mutated."""
     tree = copy.deepcopy(whole)
@@ -162,12 +156,6 @@ def mutated_tree(draw: st.DrawFn, whole: Tree) -> bytes:
         holder, key = nodes[draw(st.integers(0, len(nodes) - 1))]
         _OPERATIONS[draw(st.integers(0, len(_OPERATIONS) - 1))](holder, key, lambda n: draw(st.integers(0, n - 1)))
     return _written(tree).encode("utf-8", errors="surrogatepass")
-
-
-@st.composite
-def texts(draw: st.DrawFn, name: str) -> bytes:
-    """The file of a scenario with its bytes mutated in one to three places."""
-    return draw(mutated_text(_file(name)))
 
 
 @st.composite
@@ -194,11 +182,6 @@ def mutated_text(draw: st.DrawFn, data: bytes) -> bytes:
             new = {"line": [], "twice": [lines[k], lines[k]], "indent": [b" " * (at % 7) + lines[k]]}[kind]
             data = b"\n".join([*lines[:k], *new, *lines[k + 1 :]])
     return data
-
-
-@cache
-def _file(name: str) -> bytes:
-    return list_scenarios()[name].read_bytes()
 
 
 def _nodes(tree: Tree) -> list[tuple[Any, Any]]:

@@ -4,7 +4,6 @@ Oracle: counts of the calls that build and compile, by what they are called with
 """
 
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,10 @@ import pytest
 import mjsheaf.scenario.scenario as building
 import mjsheaf.team as teams
 import mjsheaf.vehicles.loading as loading
-from mjsheaf.cli.main import main
 from mjsheaf.files import dump_yaml
-from mjsheaf.runs.simulate import simulate
-from mjsheaf.scenario import Scenario, load_scenario, scenario_from_mapping
-from mjsheaf.studies.workers import run_job
-from mjsheaf.vehicles.effects import Effects
-from mjsheaf.video.film import film_of
-from tests.builders import make_fields, small_plan
+from mjsheaf.scenario import Scenario, load_scenario
+from tests.builders import make_fields
+from tests.commands import call
 
 BOATS = {"A1": ([0, 0], "otter"), "A2": ([9, 0], "wamv"), "A3": ([0, 9], "otter")}
 TEAM = make_fields(
@@ -35,24 +30,18 @@ TEAM = make_fields(
 )
 
 
-class Counts:
-    """Count how often a system was built, and the files of each vehicle compiled."""
-
-    def __init__(self) -> None:
-        self.systems = 0
-        self.vehicles: Counter[str] = Counter()
-
-
 @pytest.fixture
-def counts(monkeypatch: pytest.MonkeyPatch) -> Counts:
-    found, team, compile_vehicle = Counts(), teams.Team, loading._compile
+def counts(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """How often a team was built, and the files of each vehicle compiled."""
+    found: Counter[str] = Counter()
+    team, compile_vehicle = teams.Team, loading._compile
 
     def build(*arguments: Any) -> Any:
-        found.systems += 1
+        found["team"] += 1
         return team(*arguments)
 
     def compile_counted(path: Path) -> Any:
-        found.vehicles[path.name] += 1
+        found[path.name] += 1
         return compile_vehicle(path)
 
     monkeypatch.setattr(building, "Team", build)
@@ -74,41 +63,13 @@ def counts(monkeypatch: pytest.MonkeyPatch) -> Counts:
     ids=" ".join,
 )
 def test_a_command_builds_and_compiles_once(
-    command: list[str], counts: Counts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: list[str], counts: Counter[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("fleet.yaml").write_text(dump_yaml(TEAM))
-    with pytest.raises(SystemExit) as stopped:
-        main([command[0], "fleet.yaml", *command[1:]])
-    assert stopped.value.code == 0
-    assert counts.systems == 1
-    assert set(counts.vehicles.values()) == {1}, counts.vehicles
-    assert len(counts.vehicles) >= 3
-
-
-def test_a_run_and_its_film_do(counts: Counts) -> None:
-    scenario = scenario_from_mapping(TEAM)
-    film_of(scenario, simulate(scenario, "physics"))
-    assert counts.systems == 1
-    assert set(counts.vehicles.values()) == {1}
-
-
-def test_a_job_of_a_study_does(counts: Counts) -> None:
-    plan = small_plan(gains=(1.0,), seeds=None)
-    job = plan.job(plan.points[0])
-    counts.systems = 0
-    assert run_job(job).record["status"] == "finished"
-    assert counts.systems == 1
-    assert set(counts.vehicles.values()) <= {1}
-
-
-def test_seeds_share_their_vehicles_and_other_effects_do_not() -> None:
-    scenario = load_scenario("paper")
-    first, other = scenario.system, scenario.with_seed(7).system
-    assert first is not other
-    assert all(one is another for one, another in zip(first.vehicles, other.vehicles, strict=True))
-    free = replace(first, bodies=replace(first.bodies, effects=Effects(limits=False)))
-    assert not any(vehicle in first.vehicles for vehicle in free.vehicles)
+    assert call(command[0], "fleet.yaml", *command[1:]) == 0
+    assert set(counts.values()) == {1}, counts
+    assert len(counts) >= 4
 
 
 def test_a_copy_with_changes_is_built_anew_and_an_equal_one_is_equal() -> None:

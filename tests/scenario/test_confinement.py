@@ -51,28 +51,22 @@ def edit(path: Path, old: str, new: str) -> None:
 # -- paths in a scenario -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "vehicle",
-    [
-        "../outside/raft.yaml",
-        "boats/../../outside/raft.yaml",
-        "{tmp}/outside/raft.yaml",
-        "link.yaml",
-        "linked/raft.yaml",
-        "/etc/passwd.yaml",
-        "../inside2/x.yml",
-    ],
-)
-@pytest.mark.parametrize("field", ["agents.0.vehicle", "vehicles.agents", "vehicles.targets", "swarm.vehicle"])
+FIELDS = {
+    "agents.0.vehicle": "agents: [{id: A1, position: [0, 0], vehicle: %s}]",
+    "vehicles.agents": "vehicles: {agents: %s}",
+    "vehicles.targets": "vehicles: {targets: %s}",
+    "swarm.vehicle": "{agents: [], sensing: [], swarm: {size: 2, about: T1, vehicle: %s}}",
+}
+LINKED = ("link.yaml", "linked/raft.yaml")
+WRITTEN = ("../outside/raft.yaml", "boats/../../outside/raft.yaml", "{tmp}/outside/raft.yaml")
+
+
+@pytest.mark.parametrize("vehicle", [*LINKED, *WRITTEN, "/etc/passwd.yaml", "../inside2/x.yml"])
+@pytest.mark.parametrize("field", FIELDS)
 def test_a_vehicle_outside_is_refused(vehicle: str, field: str, place: Path) -> None:
     (place / "link.yaml").symlink_to(place.parent / "outside" / "raft.yaml")
     (place / "linked").symlink_to(place.parent / "outside")
-    name = vehicle.replace("{tmp}", str(place.parent))
-    section = field.split(".")[0]
-    swarm = {"size": 2, "about": "T1", "vehicle": name}
-    path = write(place, **{"agents": agent(name) if section == "agents" else ONE_BOAT["agents"]}
-                 | ({"vehicles": {field.split(".")[1]: name}} if section == "vehicles" else {})
-                 | ({"swarm": swarm, "agents": [], "sensing": []} if section == "swarm" else {}))  # fmt: skip
+    path = write(place, **yaml.safe_load(FIELDS[field] % vehicle.replace("{tmp}", str(place.parent))))
     for backend in ("ideal", "physics"):
         answer = answer_of("run", path, "--backend", backend, "--no-video", "--out", place / "out")
         assert is_refusal(answer, f"{path}: {field}:"), answer

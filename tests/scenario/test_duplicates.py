@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario
@@ -19,41 +20,28 @@ def scenario(**fields: Any) -> Scenario:
     return build_scenario(*members, **(usual | fields))
 
 
-SAME: dict[str, tuple[str, list[Any]]] = {
-    "again": ("communication", [["Q1", "O1"], ["Q1", "O1"]]),
-    "the other way round": ("communication", [["Q1", "O1"], ["O1", "Q1"]]),
-    "another between them": ("sensing", [["Q1", "T"], ["O1", "T"], ["Q1", "T"]]),
-    "of targets": ("target_edges", [["S", "T"], ["T", "S"]]),
-    "an offset with its sign turned": (
-        "communication",
-        [{"between": ["Q1", "O1"], "offset": [1, 0]}, {"between": ["O1", "Q1"], "offset": [-1, 0]}],
-    ),
-    "maps written out": (
-        "communication",
-        [["Q1", "O1"], {"between": ["O1", "Q1"], "map": {"tail": [[1, 0], [0, 1]], "head": [[1, 0, 0], [0, 1, 0]]}}],
-    ),
-    "a weight of one": ("communication", [["Q1", "O1"], {"between": ["Q1", "O1"], "weight": 1}]),
-    "anchors": ("anchors", [{"agent": "Q1", "axes": ["z"], "value": [3]}] * 2),
-}
-DIFFERENT: dict[str, tuple[str, list[Any]]] = {
-    "weight": ("communication", [["Q1", "O1"], {"between": ["O1", "Q1"], "weight": 2}]),
-    "offset": ("communication", [["Q1", "O1"], {"between": ["O1", "Q1"], "offset": [1, 0]}]),
-    "offsets of one sign": (
-        "communication",
-        [{"between": ["Q1", "O1"], "offset": [1, 0]}, {"between": ["O1", "Q1"], "offset": [1, 0]}],
-    ),
-    "map": ("communication", [["Q1", "O1"], {"between": ["Q1", "O1"], "map": {"tail": [[1, 0, 0]], "head": [[1, 0]]}}]),
-    "anchors of other axes": (
-        "anchors",
-        [{"agent": "Q1", "axes": ["z"], "value": [3]}, {"agent": "Q1", "axes": ["x"], "value": [3]}],
-    ),
-    "value": ("anchors", [{"agent": "Q1", "axes": ["z"], "value": [v]} for v in (3, 4)]),
-}
+SAME = [
+    "communication: [[Q1, O1], [Q1, O1]]",
+    "communication: [[Q1, O1], [O1, Q1]]",
+    "communication: [{between: [Q1, O1], offset: [1, 0]}, {between: [O1, Q1], offset: [-1, 0]}]",
+    "communication: [[Q1, O1], {between: [O1, Q1], map: {tail: [[1, 0], [0, 1]], head: [[1, 0, 0], [0, 1, 0]]}}]",
+    "communication: [[Q1, O1], {between: [Q1, O1], weight: 1}]",
+    "sensing: [[Q1, T], [O1, T], [Q1, T]]",
+    "target_edges: [[S, T], [T, S]]",
+    "anchors: [{agent: Q1, axes: [z], value: [3]}, {agent: Q1, axes: [z], value: [3]}]",
+]
+DIFFERENT = [
+    "communication: [[Q1, O1], {between: [O1, Q1], weight: 2}]",
+    "communication: [{between: [Q1, O1], offset: [1, 0]}, {between: [O1, Q1], offset: [1, 0]}]",
+    "communication: [[Q1, O1], {between: [Q1, O1], map: {tail: [[1, 0, 0]], head: [[1, 0]]}}]",
+    "anchors: [{agent: Q1, axes: [z], value: [3]}, {agent: Q1, axes: [x], value: [3]}]",
+    "anchors: [{agent: Q1, axes: [z], value: [3]}, {agent: Q1, axes: [z], value: [4]}]",
+]
 
 
 @pytest.mark.parametrize("case", SAME)
 def test_the_same_edge_twice_is_refused_and_both_are_named(case: str) -> None:
-    field, edges = SAME[case]
+    ((field, edges),) = yaml.safe_load(case).items()
     with refused(ScenarioError, f"{field}.{len(edges) - 1}", f"{field}.0", "parallel: true"):
         scenario(**{field: edges})
 
@@ -61,7 +49,7 @@ def test_the_same_edge_twice_is_refused_and_both_are_named(case: str) -> None:
 @pytest.mark.parametrize("case", SAME)
 @pytest.mark.parametrize("which", [0, -1])
 def test_a_parallel_edge_that_is_meant_counts_beside_the_other(case: str, which: int) -> None:
-    field, edges = SAME[case]
+    ((field, edges),) = yaml.safe_load(case).items()
     plain = [{"between": edge} if isinstance(edge, list) else edge for edge in edges]
     plain[which] = {**plain[which], "parallel": True}
     twice = scenario(**{field: plain}).system.team.sheaf.laplacian().toarray()
@@ -72,25 +60,23 @@ def test_a_parallel_edge_that_is_meant_counts_beside_the_other(case: str, which:
 
 @pytest.mark.parametrize("case", DIFFERENT)
 def test_edges_that_differ_are_no_duplicates(case: str) -> None:
-    field, edges = DIFFERENT[case]
-    scenario(**{field: edges})
+    scenario(**yaml.safe_load(case))
 
 
 @pytest.mark.parametrize(
-    ("field", "edge", "words"),
+    ("edges", "words"),
     [
         (
-            "sensing",
-            ["T", "Q1"],
+            "sensing: [[T, Q1]]",
             "[T, Q1]: expected [agent, target], but T is a target and Q1 is an agent; write [Q1, T]",
         ),
-        ("sensing", ["Q1", "O1"], "[Q1, O1]: expected [agent, target], but Q1 is an agent and O1 is an agent"),
-        ("communication", ["Q1", "T"], "[Q1, T]: expected [agent, agent], but Q1 is an agent and T is a target"),
-        ("communication", ["Q1", "o1"], "unknown id 'o1'; expected one of Q1, O1; did you mean O1?"),
-        ("target_edges", ["S", "TT"], "unknown id 'TT'; expected one of T, S; did you mean T?"),
+        ("sensing: [[Q1, O1]]", "[Q1, O1]: expected [agent, target], but Q1 is an agent and O1 is an agent"),
+        ("communication: [[Q1, T]]", "[Q1, T]: expected [agent, agent], but Q1 is an agent and T is a target"),
+        ("communication: [[Q1, o1]]", "unknown id 'o1'; expected one of Q1, O1; did you mean O1?"),
+        ("target_edges: [[S, TT]]", "unknown id 'TT'; expected one of T, S; did you mean T?"),
     ],
 )
-def test_ends_that_do_not_fit_are_told_in_words(field: str, edge: list[str], words: str) -> None:
+def test_ends_that_do_not_fit_are_told_in_words(edges: str, words: str) -> None:
     with pytest.raises(ScenarioError) as refused:
-        scenario(**{field: [edge]})
-    assert str(refused.value) == f"scenario: {field}.0: {words}"
+        scenario(**yaml.safe_load(edges))
+    assert str(refused.value) == f"scenario: {edges.partition(':')[0]}.0: {words}"

@@ -22,37 +22,22 @@ from mjsheaf.scenario import list_scenarios, load_scenario
 from mjsheaf.vehicles.arena import attachable
 from tests.builders import RAFT
 from tests.commands import DATA_FILES, only_errors
-from tests.strategies import scaled, tried
+from tests.strategies import scaled
 
-from .mutations import (
-    FUZZ,
-    RUNS,
-    TEXTS,
-    TREES,
-    base,
-    in_time,
-    load_or_refuse,
-    mutated_text,
-    mutated_tree,
-    texts,
-    trees,
-    try_files,
-)
+from .mutations import FUZZ, RUNS, TEXTS, TREES, base, in_time, load_or_refuse, mutated_text, mutated_tree, try_files
 
 NAMES = list(list_scenarios())
-QUICK = ("midpoint", "quads_feedforward", "local_frames")
 SHORT = ["time.start=0", "time.end=0.05", "controller.control_period=0.01"]
 VEHICLES = 250
 
 
-def test_ten_thousand_files_are_tried() -> None:
-    """Different ones: each test here asserts the number of its trials."""
-    assert len(NAMES) * (TREES + TEXTS + RUNS) >= tried(10_000, 1_000)
+def texts(name: str) -> st.SearchStrategy[bytes]:
+    """The file of a scenario with its bytes mutated."""
+    return mutated_text(list_scenarios()[name].read_bytes())
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_mutated_is_valid(name: str, tmp_path: Path) -> None:
-    """Else every mutation would be refused for the same reason."""
     path = tmp_path / "scenario.yaml"
     path.write_text(dump_yaml(base(name)))
     load_scenario(path)
@@ -61,7 +46,7 @@ def test_what_is_mutated_is_valid(name: str, tmp_path: Path) -> None:
 @pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_mutated_tree_is_valid_or_refused_in_words(name: str, tmp_path: Path) -> None:
-    try_files(trees(name), TREES, lambda data: load_or_refuse(data, tmp_path))
+    try_files(mutated_tree(base(name)), TREES, lambda data: load_or_refuse(data, tmp_path))
 
 
 @pytest.mark.slow
@@ -79,7 +64,7 @@ def _compiled() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_compiled", "without_plots")
-@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES])
+@pytest.mark.parametrize("name", NAMES)
 def test_a_mutated_file_runs_whole_or_leaves_nothing(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,7 +87,7 @@ def test_a_mutated_file_runs_whole_or_leaves_nothing(
         if out.exists():
             assert {p.name for p in out.iterdir()} == DATA_FILES
 
-    try_files(st.one_of(trees(name), texts(name)), scaled(RUNS), each)
+    try_files(st.one_of(mutated_tree(base(name)), texts(name)), scaled(RUNS), each)
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".xml"])

@@ -16,9 +16,8 @@ from mjsheaf.media.varying import Disturbance
 from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
 from mjsheaf.section import Section
-from mjsheaf.team import Anchor, LinearEdge
+from mjsheaf.team import LinearEdge
 from mjsheaf.team.edges import Explicit
-from mjsheaf.vehicles.allocation import ControlEffectiveness
 
 PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
     (Agent, {"id": "A1", "position": np.array([1, 2])}, {"id": "A1", "position": [1.0, 2.0]}),
@@ -37,14 +36,11 @@ PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
         {"dimension": 2, "core": 0, "sources": (Source(centre=[1, 2], alpha=3),)},
         {"dimension": 2, "core": 0.0, "sources": [{"centre": [1.0, 2.0], "alpha": 3.0}]},
     ),
-    (ControlEffectiveness, {"layout": np.eye(2)}, {"layout": [[1.0, 0.0], [0.0, 1.0]]}),
-    (Disturbance, {"bound": 1, "frequencies": (0.1, 0.2)}, {"bound": 1.0, "frequencies": [0.1, 0.2]}),
     (
         LinearEdge,
         {"between": ("A", "B"), "weight": 2 * np.eye(2), "offset": np.zeros(2)},
         {"between": ["A", "B"], "weight": [[2.0, 0.0], [0.0, 2.0]], "offset": [0.0, 0.0]},
     ),
-    (Anchor, {"agent": "A", "axes": ("z",), "value": (3,)}, {"agent": "A", "axes": ["z"], "value": [3.0]}),
     (
         Explicit,
         {"name": "g", "members": ("A",), "displacements": np.zeros((1, 3))},

@@ -3,7 +3,7 @@
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,9 @@ from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.studies.plan import Plan, versions
 from mjsheaf.studies.study import BusyError, open_directory, run_study
 from mjsheaf.studies.workers import SchedulerError
-from tests.builders import IN_THREADS, REPOSITORY, small_plan
-from tests.commands import answer_of, contents, files_of_at_most, is_refusal
-from tests.oracles.full_disk import SmallDisk, small_disk
-
-
-def forty() -> Plan:
-    """40 runs."""
-    return small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
+from tests.builders import IN_THREADS, small_plan
+from tests.commands import all_contents, answer_of, contents
+from tests.oracles.full_disk import small_disk
 
 
 def never() -> Any:
@@ -38,14 +33,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def study(finished: Path, tmp_path: Path) -> Path:
     return shutil.copytree(finished, tmp_path / "study")
-
-
-@pytest.mark.slow
-def test_a_finished_study_is_shown_again_without_a_cluster(study: Path) -> None:
-    before = contents(study)
-    again = run_study(small_plan(), study, never)
-    assert again.begun == 0
-    assert contents(study) == before
 
 
 def test_what_is_missing_or_torn_is_run(study: Path) -> None:
@@ -70,8 +57,9 @@ def test_what_is_missing_or_torn_is_run(study: Path) -> None:
         (lambda: small_plan(trajectories=True), r"asked.trajectories was False, is now True"),
         (
             lambda: replace(small_plan(), files={"/a/raft.xml": "1f"}),
-            r"vehicle_files./a/raft.xml was absent, is now '1f'",
+            r"_files./a/raft.xml was absent, is now '1f'",
         ),
+        (lambda: replace(small_plan(), scenario={"name": "x"}), r"scenario.name was 'midpoint', is now 'x'"),
     ],
 )
 def test_another_study_is_refused_with_the_difference(study: Path, plan: Callable[[], Plan], said: str) -> None:
@@ -132,16 +120,6 @@ def test_without_a_scheduler_another_may_be_asked_for(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "study.json").read_text())["runs"] == 2
 
 
-def test_a_changed_scenario_is_refused(tmp_path: Path) -> None:
-    text = (REPOSITORY / "scenarios" / "midpoint.yaml").read_text()
-    own = tmp_path / "own.yaml"
-    own.write_text(text)
-    sweep = ("sweep", own, "--backend", "ideal", "--set", "time.end=0.5", "--threads", "--out", tmp_path / "out")
-    assert answer_of(*sweep).code == 0
-    own.write_text(text.replace("heading: 60", "heading: 61"))
-    assert is_refusal(answer_of(*sweep), "scenario.agents.0.heading was 60, is now 61")
-
-
 def test_another_version_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, field in (("mjsheaf", "mjsheaf_version"), ("mujoco", "versions.mujoco")):
         monkeypatch.setattr("mjsheaf.studies.plan.versions", lambda name=name: {**versions(), name: "99.0"})
@@ -149,31 +127,26 @@ def test_another_version_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch
             run_study(small_plan(), study, never)
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "result.nc", ".hidden", "scenario.yaml", ".mine.part"])
-def test_a_directory_of_something_else_is_refused(tmp_path: Path, name: str) -> None:
-    (tmp_path / "x").mkdir()
-    (tmp_path / "x" / name).write_text("mine")
-    with pytest.raises(PlaceError, match=f"holds '{name}' and no study"):
-        run_study(small_plan(), tmp_path / "x", never)
-    assert [path.name for path in (tmp_path / "x").iterdir()] == [name]
+STRANGE = ("notes.txt", "result.nc", ".hidden", "scenario.yaml", ".mine.part")
 
 
-def test_strange_places_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(PlaceError, match="not a directory"):
-        run_study(small_plan(), tmp_path / "file", never)
-    with pytest.raises(PlaceError, match="cannot be written"):
-        run_study(small_plan(), tmp_path / "file" / "below", never)
-    (tmp_path / "other").mkdir()
-    for name, text in (("study.json", "[]"), (".mine.part", "mine")):
-        (tmp_path / "other" / name).write_text(text)
-    with pytest.raises(PlaceError, match="study"):
-        run_study(small_plan(), tmp_path / "other", never)
-    assert {p.name for p in (tmp_path / "other").iterdir()} == {"study.json", ".mine.part"}
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "summary.json").write_text(json.dumps({"mjsheaf_version": "1"}))
-    with pytest.raises(PlaceError, match="run"):
-        run_study(small_plan(), tmp_path / "run" / "study", never)
+@pytest.mark.parametrize(
+    ("files", "place", "said"),
+    [
+        *(({f"x/{name}": "mine"}, "x", f"holds '{name}' and no study") for name in STRANGE),
+        ({"x": "mine"}, "x", "not a directory"),
+        ({"x": "mine"}, "x/below", "cannot be written"),
+        ({"x/study.json": "[]", "x/.mine.part": "mine"}, "x", "study"),
+        ({"x/summary.json": '{"mjsheaf_version": "1"}'}, "x/study", "run"),
+    ],
+)
+def test_a_place_of_something_else_is_refused(files: dict[str, str], place: str, said: str, tmp_path: Path) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    with pytest.raises(PlaceError, match=said):
+        run_study(small_plan(), tmp_path / place, never)
+    assert all_contents(tmp_path) == {name: text.encode() for name, text in files.items()}
 
 
 def test_a_study_inside_a_study_is_refused(study: Path) -> None:
@@ -193,51 +166,23 @@ def test_a_second_command_is_refused(study: Path) -> None:
         assert answer.code == 2
         assert "another command uses this study" in answer.err
     assert contents(study) == before
-    assert run_study(small_plan(), study, never).begun == 0
+    assert run_study(small_plan(), study, never).begun == 0  # it is shown again without a cluster
+    assert contents(study) == before
 
 
-# -- a file system that gives out ------------------------------------------------------------------------------------
-
-
-@pytest.mark.long
-def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
-    """A limit on the size of files stands for the full disk: the table of 40 runs does not fit."""
-    with files_of_at_most(3000), pytest.raises(PlaceError, match="cannot be written: File too large"):
-        run_study(forty(), tmp_path / "study", IN_THREADS)
-    assert not list((tmp_path / "study").rglob(".*.part"))
-    kept = contents(tmp_path / "study")
-    assert sum(name.startswith("runs") for name in kept) == 40
-    assert run_study(forty(), tmp_path / "study", never).begun == 0
-    assert kept.items() <= contents(tmp_path / "study").items()
-
-
-@pytest.fixture
-def disk(tmp_path: Path) -> Iterator[SmallDisk]:
-    with small_disk(tmp_path / "disk", "48k") as made:
-        yield made
-
-
-@pytest.mark.long
-def test_a_small_disk_fills_and_is_emptied(disk: SmallDisk) -> None:
-    with pytest.raises(PlaceError, match="No space left on device"):
-        run_study(forty(), disk.path / "study", IN_THREADS)
-    kept = contents(disk.path / "study")
-    assert any(name.startswith("runs") for name in kept)
-    disk.remount("size=8m")
-    assert 0 < run_study(forty(), disk.path / "study", IN_THREADS).begun < 40
-    assert kept.items() <= contents(disk.path / "study").items()
+# -- a file system that takes nothing; full ones are in attack/test_full_disk.py -------------------------------------
 
 
 @pytest.mark.slow
-def test_a_disk_that_is_read_only(disk: SmallDisk) -> None:
-    disk.remount("size=8m")
-    run_study(small_plan(), disk.path / "study", IN_THREADS)
-    before = contents(disk.path)
-    disk.remount("ro")
-    for place in (disk.path / "study", disk.path / "other" / "deeper"):
-        with pytest.raises(PlaceError, match="Read-only file system"):
-            run_study(small_plan(), place, never)
-    assert contents(disk.path) == before
+def test_a_disk_that_is_read_only(tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", "8m") as disk:
+        run_study(small_plan(), disk.path / "study", IN_THREADS)
+        before = contents(disk.path)
+        disk.remount("ro")
+        for place in (disk.path / "study", disk.path / "other" / "deeper"):
+            with pytest.raises(PlaceError, match="Read-only file system"):
+                run_study(small_plan(), place, never)
+        assert contents(disk.path) == before
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")

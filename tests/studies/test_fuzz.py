@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -27,40 +28,26 @@ from tests.strategies import tried
 FILES = tried(400, 20)
 """Mutated files for each of the studies below, as trees and as texts."""
 
-STUDIES: dict[str, dict[str, Any]] = {
-    "grid": {
-        "summary": "a question",
-        "scenario": "midpoint",
-        "backend": "ideal",
-        "set": {"time.end": 0.5, "agents.A1.heading": 3},
-        "grid": {"controller.gain": [0.5, 1, 2.0], "spread.position": [1, 0]},
-        "seeds": {"start": 1, "stop": 4},
-        "measure": "tracking_error",
-        "labels": {"controller.gain": "gain (1/s)"},
-        "trajectories": True,
-    },
-    "draws": {
-        "scenario": "midpoint",
-        "draws": {
-            "count": 3,
-            "seed": 7,
-            "values": {
-                "controller.gain": {"kind": "loguniform", "low": 0.1, "high": 10},
-                "spread.position": {"kind": "uniform", "low": 0, "high": 2},
-                "agents.A1.heading": {"kind": "normal", "mean": 0, "deviation": 30},
-                "seed": {"kind": "integers", "low": 0, "high": 9},
-                "vehicles.agents": {"kind": "choice", "values": ["hull", "wamv"]},
-            },
-        },
-    },
-    "lists": {
-        "scenario": "swarm",
-        "backend": "ideal",
-        "points": [{"swarm.size": 3}, {"swarm.size": 5, "swarm.graph": "ring"}],
-        "paired": {"controller.gain": [1, 2], "time.end": [1, 2]},
-        "grid": {"summary": ["one", "two"]},
-    },
-}
+STUDIES: dict[str, dict[str, Any]] = yaml.safe_load("""
+grid:
+  {summary: a question, scenario: midpoint, backend: ideal, set: {time.end: 0.5, agents.A1.heading: 3},
+   grid: {controller.gain: [0.5, 1, 2.0], spread.position: [1, 0]}, seeds: {start: 1, stop: 4},
+   measure: tracking_error, labels: {controller.gain: gain (1/s)}, trajectories: true}
+draws:
+  scenario: midpoint
+  draws:
+    count: 3
+    seed: 7
+    values:
+      controller.gain: {kind: loguniform, low: 0.1, high: 10}
+      spread.position: {kind: uniform, low: 0, high: 2}
+      agents.A1.heading: {kind: normal, mean: 0, deviation: 30}
+      seed: {kind: integers, low: 0, high: 9}
+      vehicles.agents: {kind: choice, values: [hull, wamv]}
+lists:
+  {scenario: swarm, backend: ideal, points: [{swarm.size: 3}, {swarm.size: 5, swarm.graph: ring}],
+   paired: {controller.gain: [1, 2], time.end: [1, 2]}, grid: {summary: [one, two]}}
+""")
 
 
 MOST_SHOWN = 30

@@ -117,14 +117,6 @@ def test_only_what_did_not_finish_is_retried(tmp_path: Path) -> None:
     assert contents(out) == before
 
 
-def test_a_team_that_is_free_to_drift_is_refused() -> None:
-    plan = load_plan("air_tracks_surface", backend="ideal")
-    record = run_job(plan.job(plan.points[0])).record
-    assert record["status"] == "refused"
-    assert "not unique" in record["message"]
-    assert record["final"] is None
-
-
 def test_bytes_that_differ_by_accident_are_written_again(monkeypatch: pytest.MonkeyPatch) -> None:
     layouts = iter(["usual", "odd", "usual", "usual", "never"])
     monkeypatch.setattr("mjsheaf.studies.workers.dataset_bytes", lambda _: next(layouts).encode())
@@ -186,14 +178,6 @@ def test_every_kind_of_study_is_drawn_and_legible(fields: dict[str, Any], failin
         picture = np.asarray(canvas.buffer_rgba())[..., :3]
         assert min(picture.shape[:2]) > 400
         assert len(np.unique(picture)) > 20  # not blank
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fields", [STUDIES[2], STUDIES[4], STUDIES[6]], ids=["curve", "heat map", "panels"])
-def test_plots_of_equal_studies_have_equal_bytes(fields: dict[str, Any]) -> None:
-    study = StudyFile.model_validate({"scenario": "midpoint", **fields})
-    records = made_up(study, failing=False)
-    assert plot_study(study, "name", records) == plot_study(study, "name", records)
 
 
 @pytest.mark.slow

@@ -50,14 +50,8 @@ def test_seeds_share_the_team_and_points_do_not() -> None:
 
 
 def test_records_do_not_depend_on_what_was_run_before() -> None:
-    jobs = [
-        job_of(0),
-        job_of(1),
-        job_of(0, changes={"controller.gain": 3.0}),
-        job_of(0, "midpoint"),
-        job_of(0),
-        job_of(1),
-    ]
+    others = [job_of(0, changes={"controller.gain": 3.0}), job_of(0, "midpoint")]
+    jobs = [job_of(0), job_of(1), *others, job_of(0), job_of(1)]
     records = [run_job(job).record for job in jobs]
     assert records[0] == records[4] != records[1] == records[5]
     assert records[2] != records[0]

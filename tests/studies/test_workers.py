@@ -19,11 +19,10 @@ import pytest
 
 from mjsheaf.studies.plan import ForeignWorkerError, Job
 from mjsheaf.studies.study import run_study
-from mjsheaf.studies.workers import JobResult, SchedulerError, Workers, _spawning, local_workers, new_record, workers_at
+from mjsheaf.studies.workers import JobResult, SchedulerError, Workers, local_workers, new_record, workers_at
 from mjsheaf.threads import ONE_THREAD
-from tests.builders import IN_THREADS, small_plan
-from tests.commands import command_line, contents, start, wait_until
-from tests.studies.test_controller import LAW
+from tests.builders import IN_THREADS, LAWS, small_plan
+from tests.commands import contents, start, wait_until
 
 ASKED = ["midpoint", "--backend", "ideal", "--set", "time.end=0.5", "--grid", "controller.gain=1.0,3.0"]
 ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
@@ -33,14 +32,14 @@ ASKED += ["--grid", "spread.position=1.0", "--seeds", "0:5"]
 @pytest.mark.long
 def test_the_same_bits_whatever_does_the_runs(tmp_path: Path) -> None:
     """One worker and two, processes and threads, in another order too, under a law with a state; but the timings."""
-    (tmp_path / "law.py").write_text(LAW)
+    (tmp_path / "law.py").write_text(LAWS)
     ways: dict[str, Callable[[], AbstractContextManager[Workers]]] = {
         "one thread": IN_THREADS,
         "three threads": partial(local_workers, 3, processes=False),
         "one process": partial(local_workers, 1),
         "two processes": partial(local_workers, 2),
     }
-    for controller in (None, f"{tmp_path / 'law.py'}:Growing"):
+    for controller in (None, f"{tmp_path / 'law.py'}:Stateful"):
         plan = small_plan(seeds=(0, 4), overrides={"spread.position": 1.0}, trajectories=True, controller=controller)
         found = {}
         for name, workers in ways.items():
@@ -114,30 +113,24 @@ def test_workers_listen_to_nobody() -> None:
 def tells_of_itself(job: Job) -> JobResult:
     blocked = signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
     alone = {os.environ[name] for name in ONE_THREAD} == {"1"}
-    return JobResult(new_record(job.point, 0, "finished", f"{os.getpid()} {blocked} {alone}"))
-
-
-def test_workers_keep_the_thresholds_of_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
-    trim, mmap = "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"
-    monkeypatch.setenv(trim, "1000")
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    monkeypatch.delenv(mmap, raising=False)
-    before = dict(os.environ)
-    with _spawning():
-        assert os.environ[trim] == "1000"
-        assert int(os.environ[mmap]) > 2**20
-        assert {os.environ[name] for name in ONE_THREAD} == {"1"}
-    assert dict(os.environ) == before
+    kept, large = os.environ["MALLOC_TRIM_THRESHOLD_"] == "1000", int(os.environ["MALLOC_MMAP_THRESHOLD_"]) > 2**20
+    return JobResult(new_record(job.point, 0, "finished", f"{os.getpid()} {blocked and alone and kept and large}"))
 
 
 @pytest.mark.long
-def test_workers_have_one_thread_and_end_with_what_began_them() -> None:
-    """And with a command that is killed: see `test_killed_ten_times`. Ctrl-C is for the command alone."""
+def test_workers_have_one_thread_and_end_with_what_began_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And with a command that is killed: see `test_killed_ten_times`. Ctrl-C is for the command alone.
+
+    Thresholds of the user's for memory are kept.
+    """
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "1000")
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    monkeypatch.delenv("MALLOC_MMAP_THRESHOLD_", raising=False)
     plan, before = small_plan(), dict(os.environ)
     with local_workers(2) as workers:
         told = [d.record["message"].split() for d in workers.run(map(plan.job, plan.points), tells_of_itself)]
-    assert {(blocked, alone) for _, blocked, alone in told} == {("True", "True")}
-    assert not any(psutil.pid_exists(int(pid)) for pid, _, _ in told)
+    assert {well for _, well in told} == {"True"}
+    assert not any(psutil.pid_exists(int(pid)) for pid, _ in told)
     assert dict(os.environ) == before
 
 
@@ -166,23 +159,6 @@ def cluster(folder: Path, workers: int = 1) -> Iterator[tuple[str, list["subproc
 
 
 @pytest.mark.long
-def test_a_scheduler_by_address(tmp_path: Path) -> None:
-    with cluster(tmp_path, workers=2) as (address, _):
-        done = subprocess.run(
-            command_line("sweep", *ASKED, "--scheduler", address, "--out", tmp_path / "out"),
-            capture_output=True, text=True, timeout=120, check=False,
-        )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "10 runs: 10 finished" in done.stdout
-    plan = small_plan(seeds=(0, 5), overrides={"spread.position": 1.0})
-    run_study(plan, tmp_path / "here", IN_THREADS)
-    there, here = (
-        [json.loads(data)["final"] for data in contents(tmp_path / name / "runs").values()] for name in ("out", "here")
-    )
-    assert there == here != []
-
-
-@pytest.mark.long
 @pytest.mark.filterwarnings("error")  # for incomplete objects that warn when they are collected
 def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.studies.workers._CONNECT_S", 1)
@@ -193,7 +169,7 @@ def test_nobody_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.long
-def test_a_scheduler_without_workers_is_waited_on(tmp_path: Path) -> None:
+def test_a_scheduler_by_address_is_used_and_waited_on_until_it_has_workers(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=0) as (address, processes):
         running = start("sweep", *ASKED, "--scheduler", address, "--out", tmp_path / "out")
         assert running.stderr is not None
@@ -204,6 +180,11 @@ def test_a_scheduler_without_workers_is_waited_on(tmp_path: Path) -> None:
         told, errors = running.communicate(timeout=90)
     assert running.returncode == 0, errors
     assert "10 runs: 10 finished" in told
+    run_study(small_plan(seeds=(0, 5), overrides={"spread.position": 1.0}), tmp_path / "here", IN_THREADS)
+    there, here = (
+        [json.loads(data)["final"] for data in contents(tmp_path / name / "runs").values()] for name in ("out", "here")
+    )
+    assert there == here != []
 
 
 @pytest.mark.long
