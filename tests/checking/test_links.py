@@ -19,7 +19,6 @@ from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.links import (
     LinkedLaw,
     LinkRecord,
-    SecondMoments,
     answers_for,
     largest_delay,
     link_answers,
@@ -58,24 +57,17 @@ TERMS: dict[str, dict[str, Any]] = {
 }
 
 
-def at_share(raw: dict[str, Any], share: float) -> dict[str, Any]:
-    """A scenario at a share of its largest stable gain."""
-    low, high = loop_of(scenario_from_mapping(raw).system).stable_gains or (0.0, 0.0)
-    raw["controller"]["gain"] = low + share * (min(high, 1e3) - low)
-    return raw
-
-
-def resting_raw(
-    seed: int, kind: str, period: float = 0.02, share: float = 0.3, controller: Any = None, **fields: Any
-) -> dict[str, Any]:
+def resting_raw(seed: int, kind: str, share: float = 0.3, controller: Any = None, **fields: Any) -> dict[str, Any]:
     """A random team whose targets rest, without flow, at a share of its largest stable gain; fields replace fields."""
     raw = random_scenario(seed)
     raw |= {"flow": {}, "disturbance": {}, "time": {"end": 2.0}, **fields}
     for target in raw["targets"]:
         target.pop("motion", None)
     raw.pop("target_formation", None)
-    raw["controller"] = {"gain": 1.0, "control_period": period, **(TERMS[kind] if controller is None else controller)}
-    return at_share(raw, share)
+    raw["controller"] = {"gain": 1.0, "control_period": 0.02, **(TERMS[kind] if controller is None else controller)}
+    low, high = loop_of(scenario_from_mapping(raw).system).stable_gains or (0.0, 0.0)
+    raw["controller"]["gain"] = low + share * (min(high, 1e3) - low)
+    return raw
 
 
 def resting(*arguments: Any, **options: Any) -> System:
@@ -99,15 +91,6 @@ def aged(system: System, delay: NDArray[np.int64] | int) -> NDArray[np.int64]:
     return delay * np.array([edge.linked for edge in measured_edges(system.team)])
 
 
-def growth(system: System, delay: NDArray[np.int64] | int, steps: int) -> float:
-    """By which the error of a run grows in a period, in the end."""
-    oracle = LinkedLoop(system)
-    start = 1e9 * np.random.default_rng(1).standard_normal((1, len(oracle.q_star)))
-    sizes = np.array([np.linalg.norm(e) for _, e, _ in oracle.run(start, steps, delay)])
-    window = steps // 4
-    return float((sizes[-window:].max() / sizes[-2 * window : -window].max()) ** (1.0 / window))
-
-
 def plain_law(system: System) -> LinkedLaw:
     """Its law over exact links."""
     edges, vectors = measured_edges(system.team), system.team.dirichlet.eigenvectors[1]
@@ -122,21 +105,20 @@ def answers(system: System, **changed: Any) -> LinkRecord:
     return answers_for(replace(law, links=replace(law.links, **changed)), system.team)
 
 
-def grows_as_said(system: System, delay: NDArray[np.int64]) -> bool:
-    """Return True if check calls a delay stable, after a run that decays or grows, each as fast as the modes say."""
-    found = answers(system, delay=delay).delay
-    rate = np.log(known(found.spectral_radius))
-    steps = int(min(15_000, 40 + 25.0 / abs(rate)))
-    seen = np.log(growth(system, delay, steps))
-    assert (seen < 0.0) == found.stable, (delay, seen, found)
-    assert seen == pytest.approx(rate, rel=0.05, abs=10.0 / steps)
-    return bool(found.stable)
-
-
 def limited(system: System, margin: float | None) -> None:
-    """Up to the margin a run decays, one period later it grows."""
-    d = round(known(margin) / system.grid.period)
-    assert [grows_as_said(system, aged(system, periods)) for periods in (d, d + 1)] == [True, False]
+    """Up to the margin a run decays, one period later it grows, each as fast as the modes say."""
+    d, oracle = round(known(margin) / system.grid.period), LinkedLoop(system)
+    for periods, stable in ((d, True), (d + 1, False)):
+        delay = aged(system, periods)
+        found = answers(system, delay=delay).delay
+        rate = np.log(known(found.spectral_radius))
+        steps = int(min(15_000, 40 + 25.0 / abs(rate)))
+        start = 1e9 * np.random.default_rng(1).standard_normal((1, len(oracle.q_star)))
+        sizes = np.array([np.linalg.norm(e) for _, e, _ in oracle.run(start, steps, delay)])
+        window = steps // 4
+        seen = np.log(sizes[-window:].max() / sizes[-2 * window : -window].max()) / window
+        assert (seen < 0.0) == found.stable == stable, (delay, seen, found)
+        assert seen == pytest.approx(rate, rel=0.05, abs=10.0 / steps)
 
 
 MANY = [(list(TERMS)[seed % 6], seed, np.random.default_rng(seed).uniform(0.03, 0.6)) for seed in range(20, 60)]
@@ -164,22 +146,6 @@ def test_the_limit_of_delay_to_the_period(kind: str, seed: int, share: float) ->
         limited(system, none.margin)
 
 
-@pytest.mark.parametrize("kind", ["paper", *map(slow, ("newton", "integral", "all"))])
-def test_unlike_delays(kind: str) -> None:
-    """Of the whole team's matrix; on the paper's law the largest delay suffices where it would do for all."""
-    decided = set()
-    for seed, most in ((3, 4), (11, 7), (14, 7), (35, 9)):
-        system = resting(seed, kind, share=0.2)
-        delay = np.random.default_rng(seed).integers(0, most + 1, len(measured_edges(system.team)))
-        delay[0] = most
-        found, like = answers(system, delay=delay).delay, answers(system, delay=most).delay
-        assert like.margin == found.margin
-        if kind == "paper" and like.stable:
-            assert found.stable
-        decided.add(grows_as_said(system, delay))
-    assert decided == {True, False}
-
-
 @pytest.mark.parametrize("seed", [40, 41, 42, *map(slow, range(43, 60))])
 def test_unlike_delays_of_the_papers_law_up_to_a_sufficient_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -191,6 +157,7 @@ def test_unlike_delays_of_the_papers_law_up_to_a_sufficient_one(seed: int) -> No
         found = answers(system, delay=delay).delay
         assert found.stable
         assert known(found.spectral_radius) < 1.0
+        assert found.margin == margin
 
 
 def test_the_limit_of_the_papers_law_in_closed_form() -> None:
@@ -211,9 +178,8 @@ def test_the_limit_of_the_papers_law_in_closed_form() -> None:
 def test_the_margin_of_delay_is_that_of_links_not_of_anchors(kind: str) -> None:
     """A team with an anchor along x too, on both sides; without any law's own limit the scan finds it."""
     for seed in (3, 11, 14):
-        raw = resting_raw(seed, kind)
-        raw["anchors"] = [{"agent": raw["agents"][0]["id"], "axes": ["x"], "value": [1.0]}]
-        system = scenario_from_mapping(at_share(raw, 0.3)).system
+        anchor = {"agent": random_scenario(seed)["agents"][0]["id"], "axes": ["x"], "value": [1.0]}
+        system = resting(seed, kind, anchors=[anchor])
         assert not aged(system, 1).all()
         limited(system, answers(system).delay.margin)
 
@@ -227,25 +193,6 @@ def record_of(raw: dict[str, Any]) -> LinkRecord:
 def run_errors(raw: dict[str, Any]) -> Array:
     """|e| of a run of the ideal backend, which ends early where it blows up."""
     return np.linalg.norm(ideal_errors(scenario_from_mapping(raw).system, may_blow_up=True), axis=1)
-
-
-@pytest.mark.slow(first=True)
-@pytest.mark.parametrize("seed", range(tried(24, 12)))
-def test_the_limit_of_delay_of_the_program(seed: int) -> None:
-    """Runs of the ideal backend over links as a file names them, by one period on both sides of the margin."""
-    kind, rng = list(TERMS)[seed % len(TERMS)], np.random.default_rng(seed)
-    raw = resting_raw(seed, kind, float(rng.choice([0.02, 0.1])), float(rng.uniform(0.05, 0.6)))
-    period, margin = raw["controller"]["control_period"], known(answers(scenario_from_mapping(raw).system).delay.margin)
-    d = round(margin / period)
-    for delay in (d, d + 1):
-        raw["links"] = {"all": {"delay": delay * period}} if delay else {}
-        found = record_of(raw)
-        assert found.stable == (delay == d)
-        rate = np.log(known(found.delay.spectral_radius))
-        steps = int(min(30_000, 100 + 20.0 / abs(rate)))
-        e = run_errors({**raw, "time": {"end": round(steps * period, 6)}})
-        before, after = e[len(e) // 4 : len(e) // 2].max(), e[-len(e) // 4 :].max()
-        assert (after > before) == (delay > d) or max(after, before) < 1e-6, (kind, delay, rate)
 
 
 def test_large_teams_answer_by_lambda_max_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -294,57 +241,44 @@ def holds_within_three_errors(squares: Array, predicted: float | None) -> None:
 
 
 UNLIKE = [0, 3, 1, 2]  # delays of the edges, repeated
-SEEDS = [3, 11, 14]
+
+
+class Impulse:
+    """A generator whose draws are all 0, but at one call, where each of its numbers is 1 in a run of its own."""
+
+    def __init__(self, call: int) -> None:
+        self.left = call
+
+    def standard_normal(self, shape: tuple[int, int]) -> Array:
+        self.left -= 1
+        return np.eye(*shape) * (self.left == 0)
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed", "delay", "runs", "steps"),
+    ("kind", "seed", "delay"),
     [
-        *((kind, 11, delay, 200, 1200) for kind, delay in (("paper", 2), ("newton", UNLIKE))),
-        *(slow(kind, 11, UNLIKE, 200, 1200) for kind in ("paper", "integral")),
-        *(slow(kind, seed, delay, 300, 4000) for kind in TERMS for delay in (0, 1, 3) for seed in SEEDS[: tried(3, 1)]),
+        *((kind, 11, UNLIKE) for kind in ("paper", "newton", "integral")),
+        *((kind, 11, 2) for kind in TERMS),
+        *(slow(kind, seed, delay) for kind in TERMS for delay in (0, 1, 3) for seed in (3, 11, 14)),
     ],
 )
-def test_the_errors_that_noise_makes(kind: str, seed: int, delay: Any, runs: int, steps: int) -> None:
-    """RMS error and command of the team, and of each agent, against runs whose standard error is small."""
+def test_the_errors_that_noise_makes(kind: str, seed: int, delay: Any) -> None:
+    """RMS error and command of the team, and of each agent: white noise adds the squares of responses to impulses."""
     odometry = {"odometry": {"noise": 2e-3}} if kind in ("feedforward", "drift", "all") else {}
     system = resting(seed, kind, share=0.12 if np.any(delay) else 0.3, controller=TERMS[kind] | odometry)
-    if np.size(delay) > 1:
-        delay = np.resize(delay, len(measured_edges(system.team)))
+    delay = np.resize(delay, len(measured_edges(system.team)))
     covariances, root = random_noise(system, 0.05)
     found = answers(system, noise=covariances, delay=delay)
-    assert found.noise is not None
-    assert found.delay.stable
-    oracle, rng, team = LinkedLoop(system), np.random.default_rng(seed), system.team
-    settle = int(16.0 / -np.log(found.delay.spectral_radius or 1.0)) + 100 + system.law.terms.settled
-    sums, first = np.zeros((2, runs, len(oracle.q_star))), team.first_state[:-1]
-    start = np.zeros((runs, len(oracle.q_star)))
-    for k, e, u in oracle.run(start, settle + steps, delay, root, rng=rng):
-        if k >= settle:
-            sums += np.square([e, u]) / steps
-    agents = np.array([[a.error, a.command] for a in found.noise.agents]).T
-    for mean, team_rms, agent_rms in zip(sums, (found.noise.error, found.noise.command), agents, strict=True):
-        holds_within_three_errors(mean.sum(axis=1), team_rms)
-        parts = np.add.reduceat(mean, first, axis=1)
-        rms = np.sqrt(parts.mean(axis=0))
-        error = parts.std(axis=0, ddof=1) / np.sqrt(runs) / (2.0 * rms)
-        assert (error < 0.01 * rms).all(), error / rms
-        assert (np.abs(rms - agent_rms) < 4.0 * error).all()  # of many agents, some are beyond three
-
-
-def test_noise_of_the_papers_law_in_closed_form() -> None:
-    """P_ab = (h k)^2 M_ab / (1 - (1 - h k l_a) (1 - h k l_b)), M = Q^T N Sigma N^T Q."""
-    system = resting(3, "paper")
-    covariances, root = random_noise(system, 0.05)
-    found, oracle = answers(system, noise=covariances).noise, LinkedLoop(system)
-    values, Q = np.linalg.eigh(oracle.H)
-    kept = 1.0 - system.grid.period * system.gain * values
-    M = Q.T @ oracle.N @ root @ root.T @ oracle.N.T @ Q
-    P = Q @ ((system.grid.period * system.gain) ** 2 * M / (1.0 - np.outer(kept, kept))) @ Q.T
-    assert found is not None
-    assert found.error == pytest.approx(np.sqrt(np.trace(P)), rel=1e-10)
-    U = system.gain**2 * (oracle.H @ P @ oracle.H + oracle.N @ root @ root.T @ oracle.N.T)
-    assert found.command == pytest.approx(np.sqrt(np.trace(U)), rel=1e-10)
+    oracle, begin = LinkedLoop(system), 50 + system.law.terms.settled
+    steps = int(16.0 / -np.log(known(found.delay.spectral_radius))) + 100
+    sums, start = np.zeros((2, len(oracle.q_star))), np.zeros((len(oracle.b) + len(oracle.q_star),) * 2)
+    for call in (2 * begin, 2 * begin + 1) if odometry else (begin,):  # of measurements, and of odometry
+        for _, e, u in oracle.run(start[:, : sums.shape[1]], begin + steps, delay, root, rng=Impulse(call)):
+            sums += np.square([e, u]).sum(axis=1)
+    noise = known(found.noise)
+    assert (noise.error, noise.command) == pytest.approx(tuple(np.sqrt(sums.sum(axis=1))), rel=1e-6)
+    of_agents = np.sqrt(np.add.reduceat(sums, system.team.first_state[:-1], axis=1))
+    np.testing.assert_allclose([[a.error, a.command] for a in noise.agents], of_agents.T, rtol=1e-6)
 
 
 @pytest.mark.parametrize("delay", [slow(0), 2])
@@ -432,9 +366,9 @@ SMALL = [14, 35, 36, 37, 38, 42]
 """Seeds of teams with at least three edges, whose patterns of loss are few enough to be enumerated."""
 
 
-@pytest.mark.parametrize("seed", SMALL[:4])
-def test_the_rate_under_loss_is_that_of_all_patterns(seed: int) -> None:
-    system = resting(seed, "paper", share=0.6)
+@pytest.mark.parametrize(("seed", "share"), [*((seed, 0.6) for seed in SMALL[:4]), (14, 1.2), (14, 3.6)])
+def test_the_rate_under_loss_is_that_of_all_patterns(seed: int, share: float) -> None:
+    system = resting(seed, "paper", share=share)
     loss = chains(seed, len(measured_edges(system.team)))
     found = known(answers(system, loss=loss).loss)
     factor, accuracy = known(found.factor), known(found.accuracy)
@@ -442,7 +376,7 @@ def test_the_rate_under_loss_is_that_of_all_patterns(seed: int) -> None:
     assert factor == pytest.approx(np.abs(values).max(), abs=1e-9 + accuracy)
     assert accuracy < 1e-8
     assert factor <= known(found.bound) + 1e-12
-    assert found.stable == (factor < 1.0)
+    assert found.stable == (factor < 1.0) == (share < 3.0)
 
 
 @pytest.mark.parametrize(("kind", "late"), [("newton", 0), slow("paper", 1), slow("integral", 1), slow("all", 1)])
@@ -498,23 +432,6 @@ def test_the_rate_under_loss_of_a_multiple_eigenvalue() -> None:
         assert loss["factor"] == pytest.approx(p + (1.0 - p) * (1.0 - h * scale * gain) ** 2, rel=1e-9)
         assert loss["accuracy"] < 1e-9
         require(loss, {"stable": stable, "reason": ""})
-
-
-@pytest.mark.parametrize(("kind", "late"), [("paper", 0), ("newton", 0), ("all", 1)])
-def test_the_verdict_on_losses_needs_no_eigenvector(kind: str, late: int) -> None:
-    """X - T(X) = I decides as the eigenvalue does, at gains about the one where the factor passes 1."""
-    system = resting(SMALL[0], kind, share=0.3)
-    E = len(measured_edges(system.team))
-    loss, delay = chains(SMALL[0], E), np.arange(E) % (late + 1)
-    verdicts = set()
-    for scale in (1.0, 3.0, 6.0, 12.0):
-        law = replace(plain_law(system), loop=replace(plain_law(system).loop, gain=scale * system.gain))
-        law = replace(law, links=replace(law.links, loss=loss, delay=delay))
-        moments = SecondMoments(law)
-        factor, _ = moments.factor
-        assert moments.stable is bool(factor < 1.0)
-        verdicts.add(factor < 1.0)
-    assert verdicts == {True, False}
 
 
 @pytest.mark.parametrize(("kind", "late"), [slow("paper", 0), slow("paper", 2), ("newton", 1), slow("integral", 1)])
@@ -651,18 +568,10 @@ def test_rounds_that_are_late_or_lost_are_undecided(term: str) -> None:
 @pytest.mark.slow(each=True)
 @pytest.mark.parametrize("name", ["midpoint", "leader_follower"])
 def test_the_gain_that_is_proposed_is_stable_over_links_that_delay(name: str) -> None:
-    """Oracle: the loop itself, with its delays, just below and above the largest gain."""
-
-    def at(gain: float) -> dict[str, Any]:
-        return dict(analyse(name, {"controller.gain": gain, "links.all.delay": 0.1}))
-
-    found = at(200.0)
-    largest = found["links"]["delay"]["largest_gain"]
-    for gain, stable in ((0.99 * largest, True), (1.01 * largest, False)):
-        assert at(gain)["links"]["stable"] is stable
+    found = analyse(name, {"controller.gain": 200.0, "links.all.delay": 0.1})
     changes = [problem["changes"]["controller.gain"] for problem in found["problems"] if problem["changes"]]
     assert changes
-    assert max(changes) < largest
+    assert max(changes) < found["links"]["delay"]["largest_gain"]
 
 
 def test_links_beyond_range_are_undecided() -> None:
