@@ -35,18 +35,13 @@ def _excess(cells: Cells, truth: Truth, drift: np.ndarray) -> tuple[float, float
     return float(away.max()), float((np.linalg.norm(drift - cells.drift[k], axis=2) - cells.spread[k]).max())
 
 
-def solved(seed: int) -> tuple[System, Truth, np.ndarray]:
-    """An adversarial team, the truth about it, and the velocity of its targets without their disturbance."""
-    raw = adversarial_scenario(seed)
-    system, truth = scenario_from_mapping(raw).system, solve(raw)
-    return system, truth, truth.target_velocities - evaluate(system.harmonics[len(raw["agents"]) :], truth.time)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("seed", SEEDS)
-def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
-    system, truth, drift = solved(seed)
-    path = follow_targets(system)
+def test_cells_hold_the_path_and_the_drift_and_the_bound_on_the_difference_is_tight(seed: int) -> None:
+    raw = adversarial_scenario(seed)
+    system, truth = scenario_from_mapping(raw).system, solve(raw)
+    drift = truth.target_velocities - evaluate(system.harmonics[len(raw["agents"]) :], truth.time)
+    path, carrier = follow_targets(system), Carrier(system)
     assert path.cells is not None
     scale = float(np.abs(drift).max())
     away, off = _excess(path.cells, truth, drift)
@@ -61,14 +56,7 @@ def test_cells_hold_the_path_and_the_drift(seed: int) -> None:
     assert path.cells.begin[0] == system.grid.start
     np.testing.assert_allclose(path.cells.begin[1:], path.cells.end[:-1], rtol=1e-14, atol=1e-14)
     assert path.cells.end[-1] == pytest.approx(system.grid.samples[-1])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_bound_on_the_difference_is_never_exceeded_and_is_tight(seed: int) -> None:
-    system, truth, drift = solved(seed)
-    carrier = Carrier(system)
-    difference = difference_along(system, follow_targets(system), carrier)
+    difference = difference_along(system, path, carrier)
     q_star = system.team.unpack(carrier.extend(truth.targets))
     own = np.stack([system.flows[system.field[i]].velocity(q_star[:, i]) for i in range(q_star.shape[1])], axis=1)
     n_q = system.team.dirichlet.H.shape[0]
