@@ -225,20 +225,6 @@ def test_ranges_on_a_line_are_not_rigid(seed: int) -> None:
     assert not record["ok"]
 
 
-def test_the_vehicles_loop_of_a_directed_team_is_that_of_its_eigenvalues() -> None:
-    """A chain that looks ahead has the eigenvalues of agents that each look at a target with the same weight."""
-    agents, targets = {"A": [0.0, 0.0], "B": [1.0, 0.0], "C": [2.0, 0.0]}, {"T": [0.0, 1.0]}
-    common: dict[str, Any] = {"controller": {"gain": 1.0, "control_period": 0.05}, "time": {"end": 5.0}}
-    ahead = [{"between": ["B", "A"], "directed": True, "weight": 2.0}, {"between": ["C", "B"], "directed": True}]
-    seen = [{"between": [id, "T"], "weight": weight} for id, weight in (("A", 3.0), ("B", 2.0), ("C", 1.0))]
-    chain = build_scenario(agents, targets, seen[:1], communication=ahead, **common)
-    alone = build_scenario(agents, targets, seen, **common)
-    found, expected = (analyse(scenario)["margins"]["bodies"] for scenario in (chain, alone))
-    assert found["stable"]
-    assert found["spectral_radius"] == pytest.approx(expected["spectral_radius"], rel=1e-6)
-    assert found["largest_gain"] == pytest.approx(expected["largest_gain"], rel=2e-3)
-
-
 def test_the_largest_eigenvalue_gives_the_largest_gain_of_check() -> None:
     """One answer for a directed team and for ranges that do not fit."""
     for scenario in (random_team(1, misfit=0.0, directed=0.5), three_ranges(2.0), random_team(2, directed=0.5)):
