@@ -61,18 +61,6 @@ def test_the_failing_example_of_the_paper() -> None:
     assert list(explain(everyone).basis[0].motion) == crowd
 
 
-def test_two_groups_in_the_air_are_named_apart() -> None:
-    """Also where boats link them: those have no height to share."""
-    links = [("U1", "U2"), ("U3", "U4"), ("U1", "B1"), ("B1", "U3")]
-    groups = make_team("U1 U2 B1 U3 U4", "S1", links, [("U2", "S1"), ("B1", "S1"), ("U4", "S1")])
-    assert said(groups) == ["U1, U2 are free along z together", "U3, U4 are free along z together"]
-
-
-def test_agents_that_have_nothing_to_do_with_one_another_are_named_alone() -> None:
-    alone = make_team("U1 B1 U2 B2", "S1 V1", [("B1", "B2")], [("U1", "S1"), ("B1", "S1")])
-    assert said(alone) == ["U1 is free along z", "U2 is free along x", "U2 is free along y", "U2 is free along z"]
-
-
 def test_independent_freedoms_come_apart_within_one_connected_component() -> None:
     """Two boats held by a third, each along one oblique line only: the free lines are theirs alone."""
     rows = [np.array([[0.8, -0.6]]), np.array([[0.28, -0.96]])]
@@ -101,27 +89,6 @@ def test_agents_that_move_differently_are_described_apart() -> None:
     scaled = Edge("B1", "B2", np.eye(2), double, np.eye(2))
     assert said(make_team("B1 B2", "S1", [scaled], [], [hold("B1", "y")])) == [
         "B1 along x, B2 along x (0.5 times as far), moving together"
-    ]
-
-
-@pytest.mark.parametrize("roll", [0.0, 0.4])
-def test_local_frames_do_not_tilt_what_is_free(roll: float) -> None:
-    """Each edge in a rotated frame of its own: the axes are still named, and groups still come apart."""
-    angles = itertools.count(1)
-
-    def local(a: str, b: str) -> Edge:
-        k = next(angles)
-        return make_edge(a, b, name="local_frame", attitude=(roll * k, 0.3 * roll, 0.7 * k))
-
-    links = [local("U1", "U2"), local("U2", "B1"), local("B1", "U3"), local("U3", "U4")]
-    assert said(make_team("U1 U2 B1 U3 U4", "S1", links, [local("B1", "S1")])) == [
-        "U1, U2 are free along z together",
-        "U3, U4 are free along z together",
-    ]
-    assert said(make_team("U1 U2 B1", "S1", links[:2], [])) == [
-        "U1, U2, B1 are free along x together",
-        "U1, U2, B1 are free along y together",
-        "U1, U2 are free along z together",
     ]
 
 

@@ -153,21 +153,6 @@ def test_water_moves_as_airy_s_waves_do_at_any_depth(depth: float | None) -> Non
         assert amplitudes[:, 0] == pytest.approx(sea.amplitude * sea.rate * ratio, rel=1e-9)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("pull", [0.0, 0.5])
-def test_a_drone_above_a_submerged_target_moves_as_one_wave_moves_the_target(pull: float) -> None:
-    """The target goes round a circle of radius a e^(kz), held by its pull; the drone lags by 1 / (i omega + k1)."""
-    wave = {"kind": "jonswap", "significant_height": 0.1, "peak_period": 4.0, "components": 1}
-    targets = list_members({"T": [5, 0, -2]}, motion={"kind": "static", "pull": pull})
-    agents = list_members({"A": [5, 0, 3]})
-    offset = [{"between": ["A", "T"], "offset": [0, 0, 5]}]
-    record = prediction(lone(0.8, 0.0, wave, targets=targets, agents=agents, sensing=offset))
-    (rate,) = sea_of(lone(0.8, 0.0, wave)).rate
-    radius = 0.1 / np.sqrt(8.0) * np.exp(-2.0 * rate**2 / 9.81)
-    follows = rate / np.hypot(rate, pull)
-    assert record["rms"] == pytest.approx(radius * follows * rate / np.hypot(rate, 0.8), rel=1e-6)
-
-
 def hull_on_slopes(peak_period: float) -> Scenario:
     """Return a boat in a single short wave: at 2 s its slope moves the hand point 40 % farther than its velocity."""
     wave = {"kind": "jonswap", "significant_height": 0.02, "peak_period": peak_period, "components": 1}
@@ -305,13 +290,3 @@ def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
     ahead = prediction(lone(0.5, 0.1, PM, controller=law))
     assert ahead["rms"] is None
     assert "follows the targets" in ahead["reason"]
-
-
-@pytest.mark.long
-def test_a_loop_that_is_not_finite_has_no_prediction(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*args: Any) -> None:
-        raise np.linalg.LinAlgError("not finite")
-
-    monkeypatch.setattr("mjsheaf.checking.loop.prediction.whole_loop", fails)
-    sea = prediction(team())
-    assert (sea["rms"], sea["reason"], sea["bodies_reason"]) == (None, "not finite", "not finite")

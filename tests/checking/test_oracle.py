@@ -69,7 +69,6 @@ def compare_with_runs(
 
 @pytest.mark.parametrize("terms", [*map(slow, COMBINATIONS[:-1]), COMBINATIONS[-1]])
 def test_ideal(terms: tuple[str, ...]) -> None:
-    """The law's loop on ideal kinematics is that of runs, with any terms."""
     law = analyse(team(terms))["law"]
     compare_with_runs(law, "ideal", GAIN, terms=terms)
 
@@ -86,7 +85,6 @@ def test_delay(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
 @pytest.mark.parametrize("terms", COMBINATIONS[::-1])
 @pytest.mark.parametrize("links", [ALIKE, {}])
 def test_bodies(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
-    """The vehicles' loop is that of runs on bodies, with any terms and delays."""
     loop = analyse(team(terms, links=links))["margins"]["bodies"]
     compare_with_runs(loop, "physics", GAIN, terms=terms, links=links)
 

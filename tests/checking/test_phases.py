@@ -289,12 +289,6 @@ def test_check_names_each_phase_and_its_speeds() -> None:
     assert steady[2] < steady[0] + 0.5
 
 
-@pytest.mark.slow
-def test_a_change_from_the_start_has_no_predicted_error() -> None:
-    record = analyse(changing([change(time=0.0)]))
-    require(record, {"steady.ideal": None, "steady.reason": "formations change from the start"})
-
-
 IDS = ["A", "B", "C", "D"]
 SIDES = [[3.0, 0.0], [0.2, 3.0], [-3.0, 0.0], [0.0, -3.0]]
 SWAPPED = [[-3.0, 0.3], [0.2, 3.0], [3.0, -0.3], [0.0, -3.0]]

@@ -22,7 +22,7 @@ from mjsheaf.cli.figures import draw_check
 from mjsheaf.results.ending import Stuck
 from mjsheaf.scenario import Scenario
 from mjsheaf.show.style import AS_USUAL
-from tests.builders import DATA, dump_scenario, list_members, make_fields
+from tests.builders import DATA, dump_scenario, list_members, make_fields, two_boats
 from tests.commands import Answer, answer_of
 from tests.media import double_gyre
 from tests.running import analyse
@@ -336,16 +336,7 @@ def test_a_place_a_little_faster_than_a_boat_at_full_thrust_leaves_it_behind(
 
 def pair_with_errors(first: list[float], second: list[float]) -> tuple[Scenario, xr.Dataset]:
     """Return two agents that track a target each, and a run in which the errors of each quarter are these, m."""
-    places = {"T": {"position": [0.0, 0.0], "motion": STILL}, "U": {"position": [0.0, 50.0], "motion": STILL}}
-    fields = make_fields(
-        {"A": {"position": [5.0, 0.0], "vehicle": "otter"}, "B": {"position": [5.0, 50.0], "vehicle": "otter"}},
-        places,
-        [["A", "T"], ["B", "U"]],
-        controller={"gain": 0.5},
-        physics={"timestep": 0.01},
-        time={"end": 20},
-    )
-    scenario = mjsheaf.load_scenario(fields)
+    scenario = two_boats("otter", "otter", time={"end": 20})
     data = mjsheaf.simulate(scenario, engine="fused")
     for number, errors in enumerate((first, second)):
         parts = np.array_split(np.arange(data.sizes["time"]), 4)
