@@ -173,17 +173,6 @@ def test_the_large_path_finds_what_trying_shows(team: Team) -> None:
     assert sorted(losses, key=repr) == sorted((x for x in tried if x.breaks), key=repr)
 
 
-def test_many_losses_take_the_large_path_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    ring = make_team("U1 U2 U3", "V1", RING, [("U1", "V1")])
-    assert fragility(ring).exact
-    monkeypatch.setattr("mjsheaf.checking.spectrum.EXACT_LOSSES", 7)
-    assert [(loss.kind, loss.name, loss.breaks) for loss in single_losses(ring)[0]] == [
-        ("sensing", "U1 - V1", (SENSED,)),
-        ("target", "V1", (SENSED,)),
-        ("agent", "U1", (SENSED,)),
-    ]
-
-
 def test_anchors_with_maps_of_their_own_are_named() -> None:
     skew = replace(hold("U1", "xyz"), F_tail=np.array([[1.0, 1.0, 0.0]]), F_head=np.zeros((1, 0)), weight=np.eye(1))
     skew = replace(skew, offset=np.zeros(1))

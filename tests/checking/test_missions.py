@@ -136,8 +136,6 @@ def _are_kept_off(record: dict[str, Any], run: xr.Dataset) -> bool:
 def test_missions_are_those_of_their_seeds_and_diverse():
     missions = [random_mission(seed) for seed in range(60)]
     assert missions == [random_mission(seed) for seed in range(60)]
-    for mission in missions:
-        assert make_scenario(mission).phases
     assert {agent["vehicle"] for mission in missions for agent in mission["agents"]} == set(SPEEDS)
     assert {len(mission["agents"]) for mission in missions} == set(range(1, 7))
     kinds = {target["motion"]["kind"] for mission in missions for target in mission["targets"]}

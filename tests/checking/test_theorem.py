@@ -102,16 +102,11 @@ def test_reach_at_the_ends_of_the_numbers() -> None:
 
 
 NO_BOUNDS: list[Any] = [-1.0, math.nan, [], [1.0, -0.1], [math.inf], "steep", lambda s: 1.0 / (1.0 + s), lambda s: -1.0]
-NO_TABLES: list[Any] = [
-    [(0.0, 1.0)],
-    [(1.0, 1.0), (1.0, 2.0)],
-    [(1.0, 2.0), (2.0, 1.0)],
-    [(1.0, 2.0, 3.0)],
-    [(1.0, 2.0), 3.0],
-]
+NO_BOUNDS += [[(0.0, 1.0)], [(1.0, 1.0), (1.0, 2.0)], [(1.0, 2.0), (2.0, 1.0)]]  # no tables of bounds
+NO_BOUNDS += [[(1.0, 2.0, 3.0)], [(1.0, 2.0), 3.0]]
 
 
-@pytest.mark.parametrize("rho", [*NO_BOUNDS, *NO_TABLES])
+@pytest.mark.parametrize("rho", NO_BOUNDS)
 def test_what_is_no_bound_is_refused(rho: Any) -> None:
     with pytest.raises(InputError):
         as_rho(rho)
