@@ -139,9 +139,8 @@ def _held_targets_diverge(raw: dict[str, Any]) -> bool:
     h = raw["controller"].get("control_period", 0.01)
     loop, _, _ = oracle.loop_of(raw)
     own = slice(3 * len(raw["agents"]), None)
-    rate = np.repeat(loop.gain[own.start // 3 :], 3)[:, None] * loop.A[own, own] + np.diag(
-        np.repeat(loop.pull[own.start // 3 :], 3)
-    )
+    gain, pull = (np.repeat(each[len(raw["agents"]) :], 3) for each in (loop.gain, loop.pull))
+    rate = gain[:, None] * loop.A[own, own] + np.diag(pull)
     return bool(h * np.linalg.eigvals(rate).real.max() > 2.0 + 1e-9)
 
 

@@ -22,7 +22,7 @@ from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.vehicles.loading import load_vehicle
 from tests import builders
-from tests.builders import QUADROTOR_PAIR, known, make_fields, make_scenario
+from tests.builders import QUADROTOR_PAIR, known, make_fields, make_scenario, require
 from tests.commands import Capture, call
 from tests.oracles.linearised_run import radii_in_a_medium, spectral_radii
 from tests.running import analyse
@@ -30,7 +30,6 @@ from tests.strategies import tried
 
 RAFT = str(builders.RAFT)
 PLANAR = {"wamv", "otter", "hull", RAFT}
-TERMS_OF_A_LAW = {"newton", "integral", "feedforward", "drift"}
 SETTLING = 40.0  # s, of agents that begin at q*
 SETTLING_IN_A_FLOW = 150.0  # s, where they first have to lean, and to turn
 WITHIN = 0.03  # of the largest gain: where a simulation must have begun to grow; 5 % is what is promised
@@ -104,7 +103,7 @@ def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None 
         for share in (0.3, 1.0 - WITHIN, 1.0 + WITHIN)
     )
     settling = SETTLING if drift is None else SETTLING_IN_A_FLOW
-    if law.keys() & TERMS_OF_A_LAW or scenario["links"]:
+    if law.keys() & {"newton", "integral", "feedforward", "drift"} or scenario["links"]:
         radii = spectral_radii(settled, "physics", settling, below, above)
     else:
         radii = radii_in_a_medium(settled, [below.system.gain, above.system.gain], settling)
@@ -119,9 +118,8 @@ def test_check_refuses_the_ring(tmp_path: Path, capsys: Capture) -> None:
     captured = capsys.readouterr()
     record = json.loads(captured.out)
     found = record["margins"]["bodies"]
-    assert record["ok"] is False
+    require(record, {"ok": False, "margins.bodies.stable": False})
     assert all(a["verdict"] == "holds" for a in record["assumptions"])
-    assert found["stable"] is False
     assert found["spectral_radius"] > 1.0
     assert 1.5 < found["largest_gain"] < 2.0
     assert found["least_damped"]["damping"] < 0.0

@@ -18,13 +18,9 @@ from mjsheaf.checking.spectrum import explain
 from mjsheaf.sheaf import RANK_TOLERANCE
 from mjsheaf.team import Edge, Team
 from mjsheaf.team.team import sparsified
-from tests.builders import Array, hold, make_edge, make_team, turn
+from tests.builders import hold, make_edge, make_team, turn
 from tests.oracles.law import coboundary
 from tests.strategies import exact_rank, shared_teams, whole_number_teams
-
-
-def stacked(team: Team, motion: dict[str, list[float]]) -> Array:
-    return np.concatenate([motion.get(a.id, [0.0] * a.dimension) for a in team.agents])
 
 
 def said(team: Team) -> list[str]:
@@ -39,7 +35,8 @@ def test_the_dimension_is_exact_and_the_basis_is_one(team: Team) -> None:
     assert found.dimension == len(found.basis) == n - exact_rank(whole)
     assert found.tolerance == RANK_TOLERANCE
     if found.basis:
-        vectors = np.array([stacked(team, d.motion) for d in found.basis])
+        still = {agent.id: [0.0] * agent.dimension for agent in team.agents}
+        vectors = np.array([np.concatenate([*(still | d.motion).values()]) for d in found.basis])
         np.testing.assert_allclose(delta @ vectors.T, 0.0, atol=1e-8)
         np.testing.assert_allclose(np.abs(vectors).max(axis=1), 1.0)
         np.testing.assert_allclose(vectors.max(axis=1), 1.0)

@@ -70,8 +70,7 @@ def test_the_fix_that_is_named_is_one() -> None:
     assert record["targets"]["stable"] is True
     assert record["law"]["radius"] is not None
     controller = {"gain": 1, "control_period": 0, "record_period": 0.1}
-    continuous = pulled(25.0, controller=controller, physics={"timestep": 0.01})
-    record = analyse(continuous)
+    record = analyse(pulled(25.0, controller=controller, physics={"timestep": 0.01}))
     require(record, {"ok": True, "targets.product": None, "targets.stable": True})
 
 
