@@ -4,7 +4,7 @@
 can be taken from less than what happens. Gains are chosen from lambda_min(H) and a bound on the slopes of the agents'
 field, so that a good share of the teams does satisfy the gain condition.
 
-`tests.checking.study` holds what the package says of them against an oracle.
+`test_adversarial` holds what the package says of them against an oracle.
 """
 
 from collections.abc import Callable
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.builders import make_fields, turn
 from tests.checking.oracle import stiffness
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ def adversarial_scenario(seed: int) -> Raw:
     """The scenario of a seed; `family_of` names what it attacks."""
     name = family_of(seed)
     raw = FAMILIES[name](np.random.default_rng([seed, 11]))
-    return {"name": f"{name}{seed}", "seed": seed, **raw}
+    return {**raw, "name": f"{name}{seed}", "seed": seed}
 
 
 def family_of(seed: int) -> str:
@@ -43,10 +44,6 @@ def family_of(seed: int) -> str:
 def _between(rng: Rng, low: float, high: float) -> float:
     """A number between two, evenly in its logarithm."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _turn(angle: float) -> Array:
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def _channel(centre: list[float], direction: list[float], beta: float, width: float, length: float) -> Raw:
@@ -123,7 +120,7 @@ def _enlarge(rng: Rng, raw: Raw) -> None:
             R = np.linalg.qr(rng.standard_normal((n, n)))[0]
             edge["map"] = {"tail": R.tolist(), "head": R.tolist()}
         elif kind == "local_frame" and n == 2:
-            R = _turn(np.deg2rad(yaw)).T
+            R = turn(np.deg2rad(yaw)).T
             edge["map"] = "local_frame"
         edge["offset"] = (R @ place).tolist()
         agent = {"id": f"B{i}", "position": (np.array(other["position"]) + place).tolist(), "frame": {"yaw": yaw}}
@@ -133,7 +130,7 @@ def _enlarge(rng: Rng, raw: Raw) -> None:
 
 def _rotate(rng: Rng, raw: Raw) -> Raw:
     """Turn and shift a planar scenario with nothing but points, directions and drifts in it."""
-    R, shift = _turn(float(rng.uniform(-np.pi, np.pi))), rng.uniform(-20, 20, 2)
+    R, shift = turn(float(rng.uniform(-np.pi, np.pi))), rng.uniform(-20, 20, 2)
     for member in [*raw["agents"], *raw["targets"]]:
         member["position"] = (R @ member["position"] + shift).tolist()
         motion = member.get("motion", {})
@@ -161,13 +158,9 @@ def _frame_of(rng: Rng, end: float, record: float | None = None) -> Raw:
 
 def _one_on_one(rng: Rng, end: float, n: int = 2, record: float | None = None) -> Raw:
     """One agent on its one target, both at the origin."""
-    return {
-        **_frame_of(rng, end, record),
-        "agents": [{"id": "A", "position": [0.0] * n}],
-        "targets": [{"id": "T", "position": [0.0] * n}],
-        "sensing": [{"between": ["A", "T"], "weight": _between(rng, 0.3, 3.0)}],
-        "flow": {},
-    }
+    frame = _frame_of(rng, end, record)
+    edge = {"between": ["A", "T"], "weight": _between(rng, 0.3, 3.0)}
+    return make_fields({"A": [0.0] * n}, {"T": [0.0] * n}, [edge], flow={}, **frame)
 
 
 def _lane(rng: Rng, x: float, y: float, speed: float) -> Raw:
@@ -727,25 +720,20 @@ def reported_cases(rng: Rng) -> Raw:
 
 
 def _pair(end: float, gain: float, period: float = 0, record: float = 0.01) -> Raw:
-    return {
-        "time": {"end": end},
-        "controller": {"gain": gain, "control_period": period, "record_period": record},
-        "agents": [{"id": "A1", "position": [0.0, 0.0]}],
-        "targets": [{"id": "T1", "position": [0.0, 0.0]}],
-        "sensing": [["A1", "T1"]],
-    }
+    law = {"gain": gain, "control_period": period, "record_period": record}
+    return make_fields({"A1": [0.0, 0.0]}, {"T1": [0.0, 0.0]}, [["A1", "T1"]], time={"end": end}, controller=law)
 
 
 def _stiff() -> Raw:
-    return {
-        "time": {"end": 2},
-        "controller": {"gain": 1, "control_period": 0},
-        "agents": [{"id": "A1", "position": [-8, 0]}],
-        "targets": [{"id": f"T{k + 1}", "position": [x, 0]} for k, x in enumerate((-20, -20, 40))],
-        "sensing": [{"between": ["A1", "T1"], "weight": 3}, ["A1", "T2"], ["A1", "T3"]],
-        "target_edges": [["T1", "T2"], ["T2", "T3"]],
-        "target_formation": {"gain": 1.0e4},
-    }
+    return make_fields(
+        {"A1": [-8, 0]},
+        {"T1": [-20, 0], "T2": [-20, 0], "T3": [40, 0]},
+        [{"between": ["A1", "T1"], "weight": 3}, ["A1", "T2"], ["A1", "T3"]],
+        time={"end": 2},
+        controller={"gain": 1, "control_period": 0},
+        target_edges=[["T1", "T2"], ["T2", "T3"]],
+        target_formation={"gain": 1.0e4},
+    )
 
 
 def _records(period: float) -> Raw:
@@ -772,15 +760,15 @@ def _singular_guess() -> Raw:
 
 
 def _targets_hold() -> Raw:
-    return {
-        "time": {"end": 4},
-        "controller": {"gain": 2, "control_period": 0.05},
-        "agents": [{"id": "A1", "position": [10, 5]}],
-        "targets": [{"id": "T1", "position": [9, 5]}, {"id": "T2", "position": [12, 5]}],
-        "sensing": [{"between": ["A1", "T1"], "weight": 2}, ["A1", "T2"]],
-        "target_edges": [["T1", "T2"]],
-        "target_formation": {"gain": 22},
-    }
+    return make_fields(
+        {"A1": [10, 5]},
+        {"T1": [9, 5], "T2": [12, 5]},
+        [{"between": ["A1", "T1"], "weight": 2}, ["A1", "T2"]],
+        time={"end": 4},
+        controller={"gain": 2, "control_period": 0.05},
+        target_edges=[["T1", "T2"]],
+        target_formation={"gain": 22},
+    )
 
 
 def _frozen_target() -> Raw:

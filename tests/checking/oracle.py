@@ -292,8 +292,10 @@ def _integrate(loop, t, end, longest, first, x, command, held, rtol, atol, A, B,
 def solve(raw: dict[str, Any], rtol: float = 1e-10, atol: float = 1e-12) -> Truth:
     """Integrate the closed loop of a scenario: with its law continuous where control_period is 0, else held."""
     loop, x, project = loop_of(raw)
-    start, period, steps = _grid(raw)
-    held = bool(raw["controller"].get("control_period", 0.01) > 0.0)
+    start, controller = raw["time"].get("start", 0.0), raw["controller"]
+    held = bool(controller.get("control_period", 0.01) > 0.0)
+    period = controller.get("control_period", 0.01) or controller.get("record_period", 0.01)
+    steps = int((raw["time"]["end"] - start) / period + 1e-6)
     end = start + period * steps
     longest = min((end - start) / _FEWEST_STEPS, _longest_step(loop))
     A, B, C, E3, E5 = (np.ascontiguousarray(c) for c in (dop.A[:12, :12], dop.B, dop.C[:12], dop.E3, dop.E5))
@@ -332,13 +334,6 @@ def solve(raw: dict[str, Any], rtol: float = 1e-10, atol: float = 1e-12) -> Trut
         _velocities(loop, time, path)[:, N:],
         path[:, :N],
     )
-
-
-def _grid(raw: dict[str, Any]) -> tuple[float, float, int]:
-    controller = raw["controller"]
-    period = controller.get("control_period", 0.01) or controller.get("record_period", 0.01)
-    start = raw["time"].get("start", 0.0)
-    return start, period, int((raw["time"]["end"] - start) / period + 1e-6)
 
 
 def _longest_step(loop: Loop) -> float:

@@ -22,7 +22,7 @@ from mjsheaf.loop.system import System
 from mjsheaf.scenario import scenario_from_mapping
 from mjsheaf.vehicles.loading import load_vehicle
 from tests import builders
-from tests.builders import QUADROTOR_PAIR, known, make_fields, make_scenario
+from tests.builders import QUADROTOR_PAIR, known, make_fields, make_scenario, require
 from tests.commands import Capture, call
 from tests.oracles.linearised_run import radii_in_a_medium, spectral_radii
 from tests.running import analyse
@@ -30,7 +30,6 @@ from tests.strategies import tried
 
 RAFT = str(builders.RAFT)
 PLANAR = {"wamv", "otter", "hull", RAFT}
-TERMS_OF_A_LAW = {"newton", "integral", "feedforward", "drift"}
 SETTLING = 40.0  # s, of agents that begin at q*
 SETTLING_IN_A_FLOW = 150.0  # s, where they first have to lean, and to turn
 WITHIN = 0.03  # of the largest gain: where a simulation must have begun to grow; 5 % is what is promised
@@ -38,7 +37,13 @@ NEUTRAL = 1e-8  # the factor of a heading that nothing turns is 1, to rounding o
 
 
 def chain(
-    vehicles: list[str], drift: list[float] | None = None, /, period: float = 0.02, headings: Any = (), **terms: Any
+    vehicles: list[str],
+    drift: list[float] | None = None,
+    /,
+    period: float = 0.02,
+    headings: Any = (),
+    delay: float = 0.0,
+    **terms: Any,
 ) -> dict[str, Any]:
     """A chain of vehicles, both ends of which see a static target, in a uniform flow, under a law with terms."""
     planar, timestep = set(vehicles) <= PLANAR, 0.002 if {"hull", "aerial", "submersible"} & set(vehicles) else 0.005
@@ -57,6 +62,7 @@ def chain(
         controller={"gain": 0.2, "control_period": period, **({} if period else {"record_period": timestep}), **terms},
         communication=[list(pair) for pair in itertools.pairwise(agents)],
         physics={"timestep": timestep},
+        links={"all": {"delay": delay}} if delay else {},
     )
     if drift is not None:
         found["flow"] = {"agents": {"dimension": len(drift), "drift": drift}, "targets": {"dimension": len(drift)}}
@@ -97,7 +103,7 @@ def hold_against_simulation(scenario: dict[str, Any], drift: list[float] | None 
         for share in (0.3, 1.0 - WITHIN, 1.0 + WITHIN)
     )
     settling = SETTLING if drift is None else SETTLING_IN_A_FLOW
-    if law.keys() & TERMS_OF_A_LAW or "links" in scenario:
+    if law.keys() & {"newton", "integral", "feedforward", "drift"} or scenario["links"]:
         radii = spectral_radii(settled, "physics", settling, below, above)
     else:
         radii = radii_in_a_medium(settled, [below.system.gain, above.system.gain], settling)
@@ -112,9 +118,8 @@ def test_check_refuses_the_ring(tmp_path: Path, capsys: Capture) -> None:
     captured = capsys.readouterr()
     record = json.loads(captured.out)
     found = record["margins"]["bodies"]
-    assert record["ok"] is False
+    require(record, {"ok": False, "margins.bodies.stable": False})
     assert all(a["verdict"] == "holds" for a in record["assumptions"])
-    assert found["stable"] is False
     assert found["spectral_radius"] > 1.0
     assert 1.5 < found["largest_gain"] < 2.0
     assert found["least_damped"]["damping"] < 0.0
@@ -158,6 +163,8 @@ def words_of(value: Any) -> str:
         *((["quadrotor"] * 3, None, terms) for terms in (TERMS[0], TERMS[2], TERMS[3])),
         *((["otter", "wamv", "x500"], None, terms) for terms in (TERMS[0], TERMS[2], TERMS[3])),
         (["quadrotor"] * 3, None, {"gain": 1.0, "newton": {"rounds": 1}, "integral": {"gain": 0.3}}),
+        (["quadrotor"] * 2, None, {"delay": 0.1, "feedforward": {}, "drift": {}}),
+        (["otter", "quadrotor"], None, {"delay": 0.3, "integral": {"gain": 0.05}}),
         *(
             ([vehicle] * 2, None, {"period": PERIODS[(k + j) % 3]})
             for k, vehicle in enumerate(VEHICLES)
@@ -169,28 +176,8 @@ def words_of(value: Any) -> str:
 def test_teams_swing_up_where_check_says(
     vehicles: list[str], drift: list[float] | None, options: dict[str, Any]
 ) -> None:
-    """Every vehicle, mixed teams in a flow, and laws with terms: of alike vehicles by modes, of unlike ones whole."""
+    """Every vehicle, mixed teams in a flow, terms and delays: of alike vehicles by modes, of unlike ones whole."""
     hold_against_simulation(chain(vehicles, drift, **options), drift)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("vehicles", "delay", "terms"),
-    [
-        (["quadrotor"] * 2, 0.1, {}),
-        pytest.param(["quadrotor"] * 2, 0.1, {"feedforward": {}, "drift": {}}, marks=pytest.mark.long),
-        pytest.param(["otter", "quadrotor"], 0.3, {"integral": {"gain": 0.05}}, marks=pytest.mark.long),
-    ],
-)
-def test_over_links_with_one_delay_they_swing_up_where_check_says(
-    vehicles: list[str], delay: float, terms: dict[str, Any]
-) -> None:
-    exact = known(loop_of(chain(vehicles)).largest_gain)
-    scenario = chain(vehicles, **terms) | {"links": {"all": {"delay": delay}}}
-    late = loop_of(scenario)
-    assert late.stable_over_exact_links is True
-    assert known(late.largest_gain) < exact
-    hold_against_simulation(scenario)
 
 
 def test_over_links_with_unlike_delays_nothing_is_said() -> None:
@@ -245,13 +232,6 @@ def test_a_hold_of_hours_leaves_no_trace_of_what_a_vehicle_does_by_itself() -> N
         warnings.simplefilter("error")
         assert loop_of(scenario, 1e-5).stable is True
         assert loop_of(scenario, 1e-3).stable is False
-
-
-@pytest.mark.long
-def test_a_thousand_hexarotors_are_decided() -> None:
-    record = analyse("swarm", {"swarm.size": 1000, "time.end": 1})["margins"]["bodies"]
-    assert record["stable"] is True
-    assert record["largest_gain"] > 0.5
 
 
 def test_headings_that_nothing_holds_are_no_instability() -> None:

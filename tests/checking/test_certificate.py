@@ -19,7 +19,7 @@ from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.checking.theorem.constants import Difference
 from mjsheaf.checking.theorem.of_run import BROKEN, RunBound, bound_ahead, bound_of_run
 from mjsheaf.scenario import scenario_from_mapping
-from tests.builders import flow_jacobian, known, make_fields, require
+from tests.builders import flow_jacobian, known, make_fields, random_scenario, require
 from tests.commands import Capture, call
 from tests.running import analyse, run_ideal
 
@@ -41,15 +41,6 @@ def test_a_certified_run_stays_in_its_tube(name: str) -> None:
     slopes = [flow_jacobian(field, agents[:, i])[:, :2, :2] for i, field in enumerate(fields)]
     slope = max(float(np.linalg.norm(each, ord=2, axis=(1, 2)).max()) for each in slopes)
     assert slope <= certificate.theorem.lipschitz
-
-
-@pytest.mark.long
-def test_constants_do_not_depend_on_what_is_recorded() -> None:
-    found = []
-    for period in (0.01, 0.7, 10.0):
-        record = analyse("certified", {"controller.record_period": period})
-        found.append([record["theorem"][name] for name in ("f_bar", "rho", "radius_U", "initial_error")])
-    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0.03)
 
 
 def _pushed(gain: float, period: float, start: float) -> dict[str, Any]:
@@ -87,46 +78,21 @@ def test_under_a_hold_the_floor_is_needed_and_enough(start: float, product: floa
         assert known(run.ratio) > 0.99
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(12))
 def test_no_held_team_exceeds_its_bound(seed: int) -> None:
-    """Boats in the projection of a flow in space, about pulled targets that cross a narrow jet, under a hold."""
-    rng = np.random.default_rng(seed)
-    h = float(rng.choice([0.02, 0.05, 0.2]))
-
-    def target() -> dict[str, Any]:
-        amplitude, rate = rng.uniform(-1, 1, 3).tolist(), rng.uniform(0, 3, 3).tolist()
-        motion = {"kind": "lissajous", "amplitude": amplitude, "rate": rate, "phase": [0.0, 0.0, 0.0]}
-        return {
-            "position": rng.uniform(-5, 5, 3).tolist(),
-            "motion": {**motion, "pull": float(rng.uniform(0, 0.95 / h))},
-        }
-
-    vortices = [
-        {"centre": [0.0, 0.0, 2.0], "axis": rng.standard_normal(3).tolist(), "gamma": 0.3},
-        {"centre": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0], "gamma": 2.0},
-    ]
-    wide = {"centre": [0.0, 0.0, 1.0], "direction": rng.standard_normal(3).tolist(), "width": 2.0, "length": 5.0}
-    jet = {"centre": [1.0, 1.0, 0.0], "direction": [0.0, 1.0, 0.0], "width": 0.3, "length": 20.0}
-    own: dict[str, Any] = {"vortices": vortices[:1], "channels": [{**wide, "beta": 1.0}]}
-    theirs: dict[str, Any] = {"vortices": vortices[1:], "channels": [{**jet, "beta": 3.0}]}
-    law = {"gain": float(rng.uniform(0.15, 0.24) / h), "control_period": h}
-    run, _ = run_of(
-        make_fields(
-            {f"A{i}": rng.uniform(-5, 5, 2).tolist() for i in range(3)},
-            {f"T{i}": target() for i in range(2)},
-            [["A0", "T0"], ["A1", "T1"], ["A2", "T1"]],
-            time={"end": 12.0},
-            controller=law,
-            communication=[["A0", "A1"], ["A1", "A2"]],
-            target_edges=[["T0", "T1"]],
-            flow={
-                "agents": {"dimension": 3, "core": 1.0, "drift": [0.3, 0.1, 0.2], **own},
-                "targets": {"dimension": 3, "core": 0.5, **theirs},
-            },
-            disturbance={"agents": {"bound": 0.05}, "targets": {"bound": 0.05}},
-            physics={"timestep": h / 10},
-        )
-    )
+    """Random teams about pulled targets that cross a narrow jet, some in the projection of a flow in space."""
+    rng, raw = np.random.default_rng(seed), random_scenario(seed)
+    values = np.linalg.eigvalsh(scenario_from_mapping(raw).system.team.dirichlet.H.toarray())
+    gain = 4.0 / values[0]
+    h = float(rng.uniform(0.5, 0.95) / (gain * values[-1]))
+    flow = raw["flow"]["targets"]
+    d = flow["dimension"]
+    jet = {"centre": [1.0, 1.0, 0.0][:d], "direction": [0.0, 1.0, 0.0][:d], "beta": 3.0, "width": 0.3, "length": 20.0}
+    raw["flow"]["targets"] = {**flow, "channels": [jet]}
+    for target in raw["targets"]:
+        target["motion"]["pull"] = float(rng.uniform(0.0, 0.9 / h))
+    law = {"gain": gain, "control_period": h}
+    run, _ = run_of({**raw, "controller": law, "target_formation": {"gain": 0.2}, "physics": {"timestep": h / 10}})
     assert run.applies
     assert run.approximate
     assert 0.3 < known(run.ratio) <= BROKEN

@@ -18,7 +18,7 @@ from mjsheaf.cli.figures import draw_check
 from mjsheaf.cli.options import make_console
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import list_scenarios
-from tests.builders import build_scenario, pick, require, validator_of
+from tests.builders import build_scenario, require, validator_of
 from tests.checking.test_screen import assert_record_fits
 from tests.commands import Answer, Capture, call
 from tests.pictures import is_legible
@@ -84,8 +84,6 @@ def reads_as_a_whole(record: CheckRecord, capsys: Capture) -> None:
 def test_command_and_function_say_the_same(name: str, capsys: Capture) -> None:
     call("check", name, "--no-trial", "--json")
     assert json.loads(capsys.readouterr().out) == analyse(name)
-    call("check", name, "--no-trial", "--full")
-    assert "\nmargins  " in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -108,25 +106,8 @@ def test_an_unstable_law_does_not_hold(changes: tuple[str, ...], gains: Any, tol
 
 
 @pytest.mark.slow
-def test_failing_example_is_explained_and_mended(capsys: Capture) -> None:
-    record = analyse("air_tracks_surface")
-    found = record["relative_cohomology"]
-    assert found["dimension"] == 1
-    (direction,) = found["basis"]
-    assert direction["description"] == "A1, A2, A3 are free along z together"
-    assert direction["motion"] == {a: [0.0, 0.0, 1.0] for a in ("A1", "A2", "A3")}
-    assert pick(found, "mending.needed", "mending.exact") == {"mending.needed": 1, "mending.exact": True}
-    (repair,) = found["mending"]["repairs"]
-    assert repair["kind"] == "anchor"
-    assert found["mending"]["lambda_min"] > 0.1
-    mended = analyse("altitude_anchor")
-    assert pick(mended, "ok", "relative_cohomology.mending") == {"ok": True, "relative_cohomology.mending": None}
-
-
-@pytest.mark.slow
-def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
-    record = analyse("certified")
-    theorem = record["theorem"]
+def test_theorem_applies_on_the_certified_scenario() -> None:
+    theorem = analyse("certified")["theorem"]
     require(theorem, {"applies": True, "approximate": False, "chi": None, "chi_infinite": True})
     assert theorem["initial_error_inside_S"] is True
     assert theorem["lambda_V"] == pytest.approx(theorem["k_min"] - theorem["rho"])
@@ -138,33 +119,19 @@ def test_theorem_applies_on_the_certified_scenario(tmp_path: Path) -> None:
     assert "too fast" in faster["reason"]
     weak = analyse("certified", {"controller.gain": 0.01}, rate=1.0)["theorem"]
     assert "k_min = 0.005 1/s does not exceed rho" in weak["reason"]  # at any rate
-    wanted = analyse("certified", radius=0.4)["theorem"]["gain_for_wanted_radius"]
-    there = analyse("certified", {"controller.gain": wanted})["theorem"]
-    # The region shrinks or grows a little with the gain, and the constants with it.
-    assert there["radius_U"] == pytest.approx(0.4, rel=0.1)
 
 
 @pytest.mark.long
 def test_margins_speak_of_this_team() -> None:
     record = analyse("paper", {"controller.velocity_limit": 20})
-    hold = record["margins"]["hold"]
-    assert hold["product"] == pytest.approx(10 * 0.01 * 6.269324221144499)
-    assert hold["largest_gain"] == pytest.approx(2 / (0.01 * 6.269324221144499))
-    assert hold["ringing_gain"] == pytest.approx(hold["largest_gain"] / 2)
+    product, largest = 10 * 0.01 * 6.269324221144499, 2 / (0.01 * 6.269324221144499)
+    hold = {"product": product, "largest_gain": largest, "ringing_gain": largest / 2}
+    require(record["margins"]["hold"], {name: pytest.approx(value) for name, value in hold.items()})
     assert record["margins"]["bodies"]["tau"] == [0.01, 0.01]
     fastest = record["margins"]["speed"][0]
     assert fastest["limit"] == 20
     result = mjsheaf.simulate(mjsheaf.load_scenario("paper", {"time.end": 0.05}), "ideal")
     assert fastest["asked"] == pytest.approx(float(10 * result["disagreement"][0].max()), rel=1e-9)
-
-
-@pytest.mark.slow
-def test_plot_is_drawn(tmp_path: Path, capsys: Capture) -> None:
-    path = tmp_path / "check.png"
-    assert call("check", "air_tracks_surface", "--no-trial", "--plot", path) == 1
-    assert path.stat().st_size > 20_000
-    assert call("check", "paper", "--plot", tmp_path / "none" / "x.png") == 2
-    assert "--plot" in capsys.readouterr().err
 
 
 @pytest.mark.long
@@ -179,8 +146,9 @@ def test_the_plot_s_formats_are_its_suffix_and_those_given(tmp_path: Path, capsy
     assert call("check", "midpoint", "--no-trial", "--plot", path, "--format", "pdf,svg", "--no-title") == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.pdf", "a.svg"]
     assert "a.pdf" in capsys.readouterr().out
-    assert call("check", "midpoint", "--no-trial", "--plot", tmp_path / "a.gif") == 2
-    capsys.readouterr()
+    for bad in (tmp_path / "a.gif", tmp_path / "none" / "a.png"):
+        assert call("check", "midpoint", "--no-trial", "--plot", bad) == 2
+        assert "--plot" in capsys.readouterr().err
     assert call("check", "midpoint", "--format", "pdf") == 2
     assert "--plot FILE" in capsys.readouterr().err
 
@@ -194,15 +162,11 @@ def test_bad_rate_and_radius() -> None:
         analyse(scenario, rate="fast")
 
 
-def test_a_bound_is_not_claimed_beside_a_speed_limit_or_an_unstable_hold() -> None:
+def test_a_bound_is_not_claimed_beside_a_speed_limit() -> None:
     limited = analyse("certified", {"controller.velocity_limit": 1.0})["theorem"]
     require(limited, {"gain_condition": True, "applies": False})
     assert "speed limit" in limited["reason"]
     assert limited["weaker"]["radius"] is None
-    held = {"controller.control_period": 0.4, "physics.timestep": 0.002}
-    ringing = analyse("certified", held)["theorem"]
-    assert ringing["applies"] is False
-    assert "the held law" in ringing["reason"]
 
 
 def test_coarse_records_do_not_hide_fast_targets() -> None:
@@ -225,11 +189,6 @@ def test_a_pole_where_an_agent_should_be_fails_and_does_not_crash() -> None:
         assert failing == {1, 7}
         assert record["theorem"]["applies"] is False
         json.dumps(record, allow_nan=False)
-
-
-def test_a_kernel_without_strength_is_none() -> None:
-    nothing = {"dimension": 2, "core": 0.0, "vortices": [{"centre": [0.0, 0.0], "gamma": 0.0}]}
-    assert analyse("certified", {"flow": {"agents": nothing}})["ok"] is True
 
 
 @pytest.mark.long

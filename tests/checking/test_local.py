@@ -55,15 +55,11 @@ def test_checkpoints_of_formations(
 ) -> None:
     """Ranks exactly, rates to 1e-6; a team that is not rigid is not ok."""
     record = analyse(keeping(places, pairs, measures))
-    rigidity = record["rigidity"]
-    assert (rigidity["rank"], rigidity["needed"], rigidity["rigid"]) == (rank, needed, rank == needed)
-    assert rigidity["localizable"] is None
-    assert record["ok"] is (rank == needed)
-    assert record["law"]["stable"]
-    require(record, {"theorem.holds": None, "theorem.applies": False})
+    require(record["rigidity"], {"rank": rank, "needed": needed, "rigid": rank == needed, "localizable": None})
+    require(record, {"ok": rank == needed, "law.stable": True, "theorem.holds": None, "theorem.applies": False})
     assert record["theorem"]["reason"]
     if rate is not None:
-        assert rigidity["rate"] == pytest.approx(rate, abs=1e-6)
+        assert record["rigidity"]["rate"] == pytest.approx(rate, abs=1e-6)
         assert record["law"]["rate"] == pytest.approx(-np.log(1.0 - 0.01 * rate) / 0.01, abs=1e-5)
 
 
@@ -123,11 +119,10 @@ def test_one_agent_and_two_targets(measures: str, angle: float) -> None:
     places = {f"T{k}": x for k, x in enumerate(targets.tolist())}
     record = analyse(make_fields({"A": [0, 0]}, places, sensing, controller=HELD))
     wanted = (1.0 - abs(np.cos(theta))) / (r if measures == "bearing" else 1.0)
-    rigidity = record["rigidity"]
-    assert rigidity["localizable"] is (angle != 180.0)
-    assert record["ok"] is (angle != 180.0)
-    if angle != 180.0:
-        assert rigidity["rate"] == pytest.approx(wanted, abs=1e-6)
+    located = angle != 180.0
+    require(record, {"ok": located, "rigidity.localizable": located})
+    if located:
+        assert record["rigidity"]["rate"] == pytest.approx(wanted, abs=1e-6)
     else:
         free = record["relative_cohomology"]["basis"][0]["description"]
         assert free == f"A is free along {'y' if measures == 'range' else 'x'}"
@@ -135,29 +130,28 @@ def test_one_agent_and_two_targets(measures: str, angle: float) -> None:
 
 @pytest.mark.parametrize(("n", "margin"), [(3, 0.604600), (4, 0.555360)])
 def test_directed_cycles(n: int, margin: float) -> None:
-    """The rate is 1 - cos(2 pi / n), and the continuous delay margin that of the literature; held ones come near."""
-    places, ring = cycle(n)
+    """The rate is 1 - cos(2 pi / n), and the continuous delay margin that of the literature; held ones come near.
+
+    Runs converge 3 % below that margin, and diverge 3 % above it.
+    """
+    (places, ring), period = cycle(n), 0.005
     continuous = analyse(keeping(places.tolist(), ring, directed=True, controller=CONTINUOUS))
     assert continuous["ok"]
     assert continuous["rigidity"]["rate"] == pytest.approx(1.0 - np.cos(2.0 * np.pi / n), abs=1e-9)
     assert continuous["links"]["delay_margin"] == pytest.approx(margin, abs=1e-6)
     held = analyse(keeping(places.tolist(), ring, directed=True))
-    assert held["ok"]
     assert "not symmetric" in held["theorem"]["reason"]
-    assert held["theorem"]["holds"] is None
     values = 1.0 - np.exp(2j * np.pi * np.arange(1, n) / n)
-    assert held["law"]["spectral_radius"] == pytest.approx(np.abs(1.0 - 0.01 * values).max(), abs=1e-9)
-    assert held["law"]["largest_gain"] == pytest.approx((2.0 * values.real / np.abs(values) ** 2).min() / 0.01)
-    assert held["links"]["delay_margin"] == pytest.approx(margin, abs=0.02)
-
-
-@pytest.mark.parametrize("n", [3, 4, 5])
-def test_delays_of_a_directed_cycle_near_its_margin(n: int) -> None:
-    """Runs converge 3 % below the margin of `check`, and diverge 3 % above it."""
-    (places, ring), period = cycle(n), 0.005
-    margin = analyse(keeping(places.tolist(), ring, directed=True, controller=CONTINUOUS))["links"]["delay_margin"]
-    value = 1.0 - np.exp(2j * np.pi / n)
-    assert margin == pytest.approx((np.pi / 2.0 - abs(np.angle(value))) / abs(value), rel=1e-9)
+    require(
+        held,
+        {
+            "ok": True,
+            "theorem.holds": None,
+            "law.spectral_radius": pytest.approx(np.abs(1.0 - 0.01 * values).max(), abs=1e-9),
+            "law.largest_gain": pytest.approx((2.0 * values.real / np.abs(values) ** 2).min() / 0.01),
+            "links.delay_margin": pytest.approx(margin, abs=0.02),
+        },
+    )
     start = places + np.random.default_rng(n).normal(scale=0.1, size=places.shape)
     agents = list_members({f"A{k}": x for k, x in enumerate(start.tolist())})
     law = {"gain": 1.0, "control_period": period}
@@ -237,18 +231,23 @@ def test_directed_teams_with_many_rows_are_undecided(monkeypatch: pytest.MonkeyP
     assert (record["steady"]["ideal"], record["steady"]["reason"]) == (None, why)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("terms", [{"integral": {"gain": 0.2}}, {"drift": {"filter": 0.1}}])
-def test_terms_of_directed_teams_are_read_off_the_law(terms: Any) -> None:
-    """With real eigenvalues the loop is that of an undirected team with the same ones."""
+@pytest.mark.parametrize("terms", [{}, *map(slow, ({"integral": {"gain": 0.2}}, {"drift": {"filter": 0.1}}))])
+def test_the_loops_of_directed_teams_are_those_of_their_eigenvalues(terms: Any) -> None:
+    """With real eigenvalues they are those of an undirected team with the same ones, on bodies too."""
     control = {**HELD, **terms}
-    found = analyse(following(controller=control))
-    assert found["law"]["stable"]
     apart = [{"between": [*pair], "weight": 1e-9} for pair in ("AB", "BC")]
     sensing = [{"between": [id, "T"], "weight": weight} for id, weight in (("A", 5.0), ("B", 2.0), ("C", 4.0))]
     same = make_fields(LINE, {"T": [0, 1]}, sensing, controller=control, communication=apart)
-    law = analyse(same)["law"]
-    assert found["law"]["spectral_radius"] == pytest.approx(law["spectral_radius"], abs=1e-7)
+    found, expected = analyse(following(controller=control)), analyse(same)
+    assert found["law"]["stable"]
+    assert found["law"]["spectral_radius"] == pytest.approx(expected["law"]["spectral_radius"], abs=1e-7)
+    bodies, of_same = (record["margins"]["bodies"] for record in (found, expected))
+    if terms:
+        assert bodies["stable"] is None
+        return
+    assert bodies["stable"]
+    assert bodies["spectral_radius"] == pytest.approx(of_same["spectral_radius"], rel=1e-6)
+    assert bodies["largest_gain"] == pytest.approx(of_same["largest_gain"], rel=2e-3)
 
 
 def test_records_are_json_and_have_verdicts() -> None:
@@ -306,37 +305,28 @@ def test_nothing_braces_ranges_on_a_line() -> None:
 
 
 @pytest.mark.parametrize("measures", ["position", "range", "bearing"])
-@pytest.mark.parametrize("loss", [0.0, 0.3])
-def test_noise_of_links_of_a_free_team_is_that_of_its_shape(measures: str, loss: float) -> None:
+def test_noise_of_links_of_a_free_team_is_that_of_its_shape(measures: str) -> None:
     """The answers leave out motions that no edge measures: the RMS is that of a random walk of the law in H's range."""
-    links = {"noise": 0.5, "loss": loss, "delay": 0.0}
-    record = analyse(keeping(TRIANGLE, complete(3), measures, links={"all": links}))
-    system = keeping(TRIANGLE, complete(3), measures).system.local
-    H = system.team.dirichlet.H.toarray()
-    sigma = np.deg2rad(0.5) if measures == "bearing" else 0.5
-    assert record["links"]["stable"]
-    assert record["links"]["mean_square_rate"] < 1.0
-    if loss == 0.0:
-        h = HELD["control_period"]
-        values = np.linalg.eigvalsh(H)
-        values = values[values > 1e-9]
-        # Edges of weight K and noise s^2 / K add the covariance s^2 H h^2 to e in a period.
-        expected = np.sqrt(np.sum(sigma**2 * values * h**2 / (1.0 - (1.0 - h * values) ** 2)))
-        assert record["links"]["noise_rms"] == pytest.approx(expected, rel=1e-9)
-    else:
-        assert record["links"]["loss"]["stable"]
-        assert record["links"]["noise_rms"] > 0.0
+    scenario = keeping(TRIANGLE, complete(3), measures, links={"all": {"noise": 0.5}})
+    values = np.linalg.eigvalsh(scenario.system.local.team.dirichlet.H.toarray())
+    values = values[values > 1e-9]
+    sigma, h = np.deg2rad(0.5) if measures == "bearing" else 0.5, HELD["control_period"]
+    # Edges of weight K and noise s^2 / K add the covariance s^2 H h^2 to e in a period.
+    expected = np.sqrt(np.sum(sigma**2 * values * h**2 / (1.0 - (1.0 - h * values) ** 2)))
+    require(analyse(scenario), {"links.stable": True, "links.noise_rms": pytest.approx(expected, rel=1e-9)})
 
 
 @pytest.mark.parametrize("terms", [{}, {"integral": {"gain": 0.05}}])
 def test_losses_of_a_free_team_are_those_of_its_shape(terms: Any) -> None:
     """A loss that never happens leaves the square of the spectral radius, with and without terms."""
     control = {**HELD, **terms}
-    rare = keeping(TRIANGLE, complete(3), "range", controller=control, links={"all": {"loss": 1e-12}})
-    exact = analyse(keeping(TRIANGLE, complete(3), "range", controller=control))
-    found = analyse(rare)["links"]
-    assert found["stable"]
-    assert found["mean_square_rate"] == pytest.approx(exact["law"]["spectral_radius"] ** 2, rel=1e-9)
+    exact = analyse(keeping(TRIANGLE, complete(3), "range", controller=control))["law"]["spectral_radius"] ** 2
+    for loss in (1e-12, 0.3):
+        links = {"all": {"loss": loss, "noise": 0.5}}
+        found = analyse(keeping(TRIANGLE, complete(3), "range", controller=control, links=links))["links"]
+        assert found["stable"]
+        assert found["mean_square_rate"] < 1.0
+        assert found["mean_square_rate"] == pytest.approx(exact, rel=1e-9) or loss > 0.1
 
 
 def test_newton_of_a_team_without_targets_solves_in_the_range_of_h() -> None:

@@ -13,7 +13,7 @@ from mjsheaf.checking import examine
 from mjsheaf.checking.loop.linear_law import unmodelled_parts
 from mjsheaf.law.edges import LINK, LinkArrays
 from mjsheaf.law.law import EdgeArrays, LawArrays
-from mjsheaf.law.terms import Integral, Newton, RoundArrays, TermArrays, Terms
+from mjsheaf.law.terms import RoundArrays, TermArrays
 from mjsheaf.loop.system import System
 from tests.builders import require
 
@@ -60,17 +60,6 @@ def test_sensors_gains_and_laws_in_python(system: System) -> None:
     gain = law.gain.copy()
     gain[0] *= 2.0
     assert unmodelled_parts(replace(system, law=law._replace(gain=gain))) == ["gains that differ between agents"]
-
-
-def test_terms_are_found_by_name() -> None:
-    assert not Terms().has_terms
-    assert Terms(newton=Newton()).has_terms
-
-    class Extended(Terms):
-        robust: Integral | None = None
-
-    assert Extended(robust=Integral(gain=1.0)).has_terms
-    assert not Extended().has_terms
 
 
 def test_links_are_undecided_too() -> None:

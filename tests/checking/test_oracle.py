@@ -69,13 +69,12 @@ def compare_with_runs(
 
 @pytest.mark.parametrize("terms", [*map(slow, COMBINATIONS[:-1]), COMBINATIONS[-1]])
 def test_ideal(terms: tuple[str, ...]) -> None:
-    """The law's loop on ideal kinematics is that of runs, with any terms."""
     law = analyse(team(terms))["law"]
     compare_with_runs(law, "ideal", GAIN, terms=terms)
 
 
 @pytest.mark.parametrize("terms", [COMBINATIONS[0], *map(slow, COMBINATIONS[1:])])
-@pytest.mark.parametrize("links", [ALIKE, slow(UNLIKE)])
+@pytest.mark.parametrize("links", [ALIKE, UNLIKE])
 def test_delay(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
     """The loop with delays of all edges alike, or of each kind by itself, is that of runs."""
     delay = analyse(team(terms, links=links))["links"]["delay"]
@@ -86,7 +85,6 @@ def test_delay(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
 @pytest.mark.parametrize("terms", COMBINATIONS[::-1])
 @pytest.mark.parametrize("links", [ALIKE, {}])
 def test_bodies(terms: tuple[str, ...], links: Mapping[str, Any]) -> None:
-    """The vehicles' loop is that of runs on bodies, with any terms and delays."""
     loop = analyse(team(terms, links=links))["margins"]["bodies"]
     compare_with_runs(loop, "physics", GAIN, terms=terms, links=links)
 

@@ -1,6 +1,6 @@
 """Records of check and of runs for each phase of a run with events.
 
-Oracles: the event itself, tried out on the scenario; runs of the ideal backend.
+Oracle: runs of the ideal backend.
 """
 
 import itertools
@@ -8,21 +8,18 @@ import json
 from pathlib import Path
 from typing import Any
 
-import networkx as nx
 import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, save, simulate
 from mjsheaf.checking.check import examine_scenario
 from mjsheaf.checking.report import screen
-from mjsheaf.checking.spectrum import explain, fragility
 from mjsheaf.checking.theorem.certificate import certify
 from mjsheaf.checking.theorem.constants import agent_flow
 from mjsheaf.checking.theorem.of_run import bounds_of_phases
 from mjsheaf.loop.system import during
 from mjsheaf.scenario import Scenario
-from mjsheaf.team import Team
-from tests.builders import known, make_fields, make_scenario, random_scenario, require
+from tests.builders import known, make_fields, make_scenario, require
 from tests.loop.test_ramps import BEGIN, OVER, change, ring
 from tests.running import analyse, team_error
 from tests.strategies import slow
@@ -187,52 +184,6 @@ def test_a_blow_up_counts_against_its_own_phase(tmp_path: Path) -> None:
     assert (second["applies"], second["measured_over_bound"]) == (False, None)
 
 
-def holds(team: Team) -> tuple[int, bool, int]:
-    """Parts of the agent graph, whether each target is sensed, and how many directions are free."""
-    graph = nx.Graph(edge.between for edge in team.communication)
-    graph.add_nodes_from(team.agent_ids)
-    sensed = {edge.head for edge in team.sensing} == set(team.target_ids)
-    return nx.number_connected_components(graph), sensed, explain(team).dimension
-
-
-def single_events(team: Team) -> list[tuple[str, dict[str, Any]]]:
-    """Every event that takes something away, and the name under which it is listed."""
-    found = [(id, {"lose": id}) for id in team.agent_ids if len(team.agents) > 1]
-    found += [(id, {"lose": id}) for id in dict.fromkeys(edge.head for edge in team.sensing)]
-    for pair in dict.fromkeys(tuple(sorted(e.between)) for e in (*team.communication, *team.sensing)):
-        own = [e for e in (*team.communication, *team.sensing) if tuple(sorted(e.between)) == pair]
-        name = f"{own[0].tail} - {own[0].head}" + f" (all {len(own)})" * (len(own) > 1)
-        cut: dict[str, Any] = {"cut": list(pair)}
-        found.append((name, cut))
-    return found
-
-
-@pytest.mark.parametrize("seed", [4, *map(slow, range(5, 40))])
-def test_which_single_event_more_breaks_an_assumption(seed: int) -> None:
-    """In every phase the list is that of all events that break one when they are tried out."""
-    raw = random_scenario(seed)
-    rng = np.random.default_rng(seed)
-    raw |= {"time": {"end": 1.0}, "controller": {"gain": 1.0, "control_period": 0.1}}
-    ids = [agent["id"] for agent in raw["agents"]]
-    events: list[dict[str, Any]] = []
-    if len(ids) > 2:
-        events.append({"time": 0.3, "lose": ids[int(rng.integers(len(ids)))]})
-    pairs = [e["between"] for e in raw["communication"] if not events or events[0]["lose"] not in e["between"]]
-    if pairs:
-        events.append({"time": 0.6, "cut": pairs[int(rng.integers(len(pairs)))]})
-    phases = load_scenario({**raw, "events": events}).phases
-    for phase in phases:
-        team = phase.system.team.remaining
-        before, found = holds(team), fragility(team)
-        if before != (1, True, 0):
-            continue  # what is broken already is not broken again
-        broken = {loss.name for loss in found.critical}
-        for name, event in single_events(team):
-            more = [*(e for e in events if e["time"] < phase.time + 0.05), {"time": phase.time + 0.1, **event}]
-            after = holds(load_scenario({**raw, "events": more}).phases[-1].system.team.remaining)
-            assert (after != before) == (name in broken), (seed, phase.name, name)
-
-
 def test_the_certificate_of_a_bounded_start() -> None:
     """A bound on |e(t0)| in place of positions: that of the positions changes nothing, an infinite one excludes all."""
     system = still([]).system
@@ -336,12 +287,6 @@ def test_check_names_each_phase_and_its_speeds() -> None:
     steady = [max(one["steady"] for one in phase["margins"]["speed"]) for phase in phases]
     assert steady[1] > steady[0] + 3.0  # m/s
     assert steady[2] < steady[0] + 0.5
-
-
-@pytest.mark.slow
-def test_a_change_from_the_start_has_no_predicted_error() -> None:
-    record = analyse(changing([change(time=0.0)]))
-    require(record, {"steady.ideal": None, "steady.reason": "formations change from the start"})
 
 
 IDS = ["A", "B", "C", "D"]

@@ -15,38 +15,27 @@ from tests.commands import answer_of, call
 from tests.running import analyse
 
 
-@pytest.fixture
-def weak(tmp_path: Path) -> Path:
-    """A quadrotor that cannot lean as far as its description says, in a scenario."""
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_plots")
+def test_check_run_and_list_note_a_lean_that_the_thrust_does_not_carry(tmp_path: Path) -> None:
     altered(tmp_path, "quadrotor", steering={"largest_tilt": 80})
     agent = {"position": [0, 0, 9], "vehicle": "quadrotor.yaml"}
     target = {"position": [9, 5, 9], "motion": {"kind": "fixed"}}
     fields = make_fields({"A0": agent}, {"T1": target}, [["A0", "T1"]], time={"end": 0.1})
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(fields))
-    return tmp_path
-
-
-@pytest.mark.slow
-def test_check_notes_a_lean_that_the_thrust_does_not_carry(weak: Path) -> None:
-    path = weak / "mine.yaml"
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(fields))
     slips = analyse(path)["notes"]
     assert any("a lean of 80 degrees takes quadrotor" in slip for slip in slips)
-    shown = " ".join(answer_of("check", str(path), "--no-trial").out.split())
-    assert "note: " in shown
+    assert "note: " in answer_of("check", str(path), "--no-trial").out
     whole = " ".join(answer_of("check", str(path), "--no-trial", "--full").out.split())
     assert all(f"note: {slip}" in whole for slip in slips)
     assert slips_of_vehicle(load_vehicle("quadrotor")) == []
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_plots")
-def test_a_run_and_a_list_note_it_too(weak: Path) -> None:
-    listed = answer_of("list", "--vehicles", str(weak / "quadrotor.yaml"))
+    listed = answer_of("list", "--vehicles", str(tmp_path / "quadrotor.yaml"))
     assert listed.code == 0
     assert "note: " in listed.out
     assert "a lean of 80 degrees takes quadrotor" in " ".join(listed.out.split())
-    assert call("run", weak / "mine.yaml", "--no-video", "--out", weak / "out") == 0
-    notes = json.loads((weak / "out" / "summary.json").read_text())["notes"]
+    assert call("run", path, "--no-video", "--out", tmp_path / "out") == 0
+    notes = json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]
     assert [n for n in notes if n["kind"] == "slip" and "a lean of 80 degrees" in n["text"]]
 
 

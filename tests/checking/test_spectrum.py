@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from mjsheaf.checking.spectrum import EIGENVALUE_TOLERANCE, Spectrum, agent_coboundary, smallest_eigenvalue, spectrum_of
@@ -38,12 +39,7 @@ def check(found: Spectrum, team: Team, rtol: float = 1e-9) -> None:
     np.testing.assert_allclose(H @ found.vectors, found.vectors * found.smallest, atol=1e-7 * max(values[-1], 1.0))
 
 
-@given(shared_teams())
-def test_spectrum_of_shared_maps(team: Team) -> None:
-    check(spectrum_of(team), team)
-
-
-@given(whole_number_teams())
+@given(st.one_of(shared_teams(), whole_number_teams()))
 def test_spectrum_of_any_maps(team: Team) -> None:
     found = spectrum_of(team, 20)
     check(found, team)

@@ -23,15 +23,11 @@ def measured(scenario: Any, backend: str) -> float:
 @pytest.mark.parametrize(
     "controller",
     [
-        {},
-        {"controller.feedforward.rounds": 3},
-        {"controller.newton.rounds": 3},
-        {"controller.drift.filter": 0.1, "flow.water": {"dimension": 2, "drift": [0.4, -0.2]}},
         {"controller.feedforward.rounds": 1, "controller.newton.rounds": 1, "controller.drift.filter": 0.1},
         {"flow.water": {"dimension": 2, "drift": [0.2, 0.0], "tide": {"amplitude": 0.5, "minor": 0.2, "period": 7.0}}},
         {"flow.water": {"dimension": 2, "waves": {"kind": "jonswap", "significant_height": 0.3, "peak_period": 5.0}}},
     ],
-    ids=["paper", "feedforward", "newton", "drift", "all", "tide", "waves"],
+    ids=["terms", "tide", "waves"],
 )
 def test_ideal_kinematics_make_what_is_predicted(controller: dict[str, Any]) -> None:
     scenario = mjsheaf.load_scenario("midpoint", controller)
@@ -101,13 +97,8 @@ def test_a_run_that_has_not_settled_makes_what_is_predicted(fields: dict[str, An
     assert steady["ideal"] == pytest.approx(measured(scenario, "ideal"), rel=5e-3)
     assert steady["ideal"] > 0.5
     assert steady["leaves_out"] == []
-
-
-@pytest.mark.slow
-def test_bodies_that_have_not_settled_make_what_is_predicted() -> None:
-    scenario = slow()
-    steady = analyse(scenario)["steady"]
-    assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.03)
+    if not fields:
+        assert steady["bodies"] == pytest.approx(measured(scenario, "physics"), rel=0.03)
 
 
 @pytest.mark.long

@@ -9,7 +9,7 @@ import pytest
 
 import mjsheaf
 from mjsheaf.scenario import Scenario
-from tests.builders import build_scenario, make_fields, make_scenario
+from tests.builders import build_scenario, pursuit
 from tests.commands import Capture, call
 from tests.running import analyse, team_error
 
@@ -19,17 +19,14 @@ def between_jets(gain: float, **fields: Any) -> Scenario:
     jets = [{"centre": [0, y], "direction": [1, 0], "beta": 100, "width": 0.03, "length": 1000} for y in (0.2, -0.2)]
     law = {"gain": gain, "control_period": 0, "record_period": 0.05}
     sway = {"bound": 0.5, "frequencies": [0.01, 0.011], "components": 1}
-    usual = make_fields(
-        {"A": [0, 0]},
-        {"T": [0, 0]},
-        [["A", "T"]],
-        seed=1,
-        time={"end": 100},
-        controller=law,
-        disturbance={"agents": sway, "targets": {"bound": 0}},
-        flow={"agents": {"dimension": 2, "channels": jets}},
-    )
-    return make_scenario(usual | fields)
+    usual: dict[str, Any] = {
+        "seed": 1,
+        "time": {"end": 100},
+        "controller": law,
+        "disturbance": {"agents": sway, "targets": {"bound": 0}},
+        "flow": {"agents": {"dimension": 2, "channels": jets}},
+    }
+    return pursuit([0, 0], [0, 0], **usual | fields)
 
 
 def beside_a_jet(gain: float) -> Scenario:
