@@ -19,6 +19,11 @@ from tests.commands import all_contents, answer_of, contents
 from tests.oracles.full_disk import small_disk
 
 
+def forty() -> Plan:
+    """40 runs."""
+    return small_plan(gains=tuple(1.0 + k for k in range(10)), seeds=(0, 4))
+
+
 def never() -> Any:
     raise AssertionError("a cluster was started though nothing is left to run")
 
@@ -191,3 +196,15 @@ def test_a_directory_that_is_read_only(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="Permission denied"):
         run_study(small_plan(), tmp_path / "place" / "study", never)
     assert not list((tmp_path / "place").iterdir())
+
+
+@pytest.mark.long
+def test_a_small_disk_fills_and_is_emptied(tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", "48k") as disk:
+        with pytest.raises(PlaceError, match="No space left on device"):
+            run_study(forty(), disk.path / "study", IN_THREADS)
+        kept = contents(disk.path / "study")
+        assert any(name.startswith("runs") for name in kept)
+        disk.remount("size=8m")
+        assert 0 < run_study(forty(), disk.path / "study", IN_THREADS).begun < 40
+        assert kept.items() <= contents(disk.path / "study").items()
