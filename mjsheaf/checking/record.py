@@ -256,15 +256,10 @@ def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) ->
     losses together give a phase lag at the crossover above `largest`, rad; and missions with a safety filter, which may
     hold agents up on their way.
     """
-    if record.safety is not None:
-        return [
-            Problem(
-                kind="untried",
-                what="the safety filter may hold agents up, and the mission was not tried",
-                why=FILTERED,
-            )
-        ]
     parts: list[PartRecord] = [record, *record.phases]
+    if any(part.safety is not None for part in parts):
+        what = "the safety filter may hold agents up, and the mission was not tried"
+        return [Problem(kind="untried", what=what, why=FILTERED)]
     for part in parts:
         bodies = part.margins.bodies
         undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > largest
@@ -466,15 +461,15 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
     yield from slow
     noise = [] if part.links is None or part.links.noise is None else part.links.noise.agents
     shaken = {each.agent: each.command or 0.0 for each in noise}
-    jumpy = [demand for demand in part.margins.speed if shaken.get(demand.agent, 0.0) > demand.largest]
+    jumpy = [one for one in part.margins.speed if not one.limited and shaken.get(one.agent, 0.0) > one.top_speed]
     if jumpy:
-        worst = max(jumpy, key=lambda demand: shaken[demand.agent] / demand.largest)
+        worst = max(jumpy, key=lambda demand: shaken[demand.agent] - demand.top_speed)
         yield Problem(
             kind="noise",
             what=f"{and_others(worst.agent, len(jumpy) - 1)} cannot follow commands that noise makes",
             why=f"noise of measurements makes commands of {shaken[worst.agent]:.3g} m/s RMS for {worst.agent}, which "
-            f"moves at {worst.largest:.3g} m/s at most",
-            fix="a lower controller.gain, less noise, or longer filters of the terms",
+            f"moves at {worst.top_speed:.3g} m/s at most",
+            fix="a lower controller.gain, less noise, longer filters of the terms, or a velocity_limit",
         )
     carried = part.disturbance.carried_off
     blown = {id: (wind, most) for id, (wind, most) in part.margins.wind.items() if most is not None and wind > most}

@@ -223,7 +223,7 @@ def _fraction_heard(system: System) -> Array:
     law = system.law
     lost = np.zeros(len(law.edges.tail))
     for link in law.links.table:
-        if link["lossy"] and not (link["bursts"] or link["hold"] or law.terms.agents):
+        if link["lossy"] and not (link["bursts"] or link["hold"] or law.extended):
             lost[link["edge"]] = link["loss_good"]
     missed = np.ones(len(system.team.members))
     for end, listens in zip((law.edges.tail, law.edges.head), law.edges.listens.T, strict=True):
