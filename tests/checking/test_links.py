@@ -263,9 +263,7 @@ def test_the_errors_that_noise_and_biases_make(kind: str, seed: int, delay: Any)
     sums, runs = np.zeros((2, len(oracle.q_star))), max(len(oracle.b), len(oracle.q_star)) + 1
     for call in (2 * begin, 2 * begin + 1) if odometry else (begin,):  # of measurements, and of odometry
         start, bias = np.zeros((runs, len(oracle.q_star))), np.concatenate(biases)
-        for _, e, u in oracle.run(
-            start, begin + steps, delay, root, bias, rng=cast(np.random.Generator, Impulse(call))
-        ):
+        for _, e, u in oracle.run(start, begin + steps, delay, root, bias, rng=cast(Any, Impulse(call))):
             sums += np.square([e - e[-1], u - u[-1]]).sum(axis=1)  # from the last run, which has no impulse
     noise = known(found.noise)
     assert noise.mean == pytest.approx(np.linalg.norm(e[-1]), rel=1e-6)
