@@ -96,7 +96,7 @@ def read_positions(path: str, selection: Selection | None = None, **fields: Any)
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{name}: cannot be read: {shortened(reason, 200)}") from None
     if not 0 < len(rows) <= MAX_ROWS:
-        raise InputError(f"{name}: has {len(rows)} positions; expected 1 to {MAX_ROWS}")
+        raise InputError(f"{name}: samples: has {len(rows)} positions; expected 1 to {MAX_ROWS}")
     return rows
 
 
