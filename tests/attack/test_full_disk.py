@@ -127,3 +127,14 @@ def test_a_disk_that_is_really_full(command: tuple[str, ...], place: str, sizes:
         disk.remount("size=4000k")
         assert answer_of(*command, disk.path / place).code in (0, 3)
         assert leftovers(disk.path) == []
+
+
+@pytest.mark.long
+def test_plot_of_a_check_leaves_nothing(tmp_path: Path) -> None:
+    assert answer_of("check", "midpoint", "--no-trial").code == 0  # compiles, which writes files too
+    with files_of_at_most(10_000):
+        assert is_refusal(
+            answer_of("check", "midpoint", "--no-trial", "--plot", tmp_path / "a.png"),
+            "a.png: cannot be written: File too",
+        )
+    assert list(tmp_path.iterdir()) == []

@@ -284,3 +284,13 @@ def test_a_still_medium_leaves_no_error_and_what_is_unknown_is_null() -> None:
     ahead = prediction(lone(0.5, 0.1, PM, controller=law))
     assert ahead["rms"] is None
     assert "follows the targets" in ahead["reason"]
+
+
+@pytest.mark.long
+def test_a_loop_that_is_not_finite_has_no_prediction(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*args: Any) -> None:
+        raise np.linalg.LinAlgError("not finite")
+
+    monkeypatch.setattr("mjsheaf.checking.loop.prediction.whole_loop", fails)
+    sea = prediction(team())
+    assert (sea["rms"], sea["reason"], sea["bodies_reason"]) == (None, "not finite", "not finite")

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from mjsheaf import simulate
 from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.checking.loop.links import (
     LinkedLaw,
@@ -33,8 +34,23 @@ from mjsheaf.scenario import load_scenario, scenario_from_mapping
 from tests.builders import known, make_fields, random_scenario, require
 from tests.commands import answer_of
 from tests.oracles.linked_loop import LinkedLoop
-from tests.running import analyse, ideal_errors, run_ideal
+from tests.running import analyse, ideal_errors, rms_error, run_ideal
 from tests.strategies import slow, tried
+
+
+def resting_bearing(away: list[float], **controller: Any) -> dict[str, Any]:
+    """One agent that rests at q*, `away` from its target, and measures range and bearing in space."""
+    sensor = {"kind": "range_bearing", "range_noise": 0.04, "bearing_noise": 1.0}
+    return make_fields(
+        {"A": {"position": away, "heading": -115.0}},
+        {"T": [0.0, 0.0, 0.0]},
+        [{"between": ["A", "T"], "map": "shared", "sensor": sensor}],
+        time={"end": 400},
+        controller={"gain": 6.0, "control_period": 0.05} | controller,
+        physics={"timestep": 0.05},
+        formations=[{"name": "f", "shape": "explicit", "members": ["A"], "displacements": [away]}],
+    )
+
 
 Array = NDArray[np.float64]
 
@@ -554,3 +570,13 @@ def test_the_published_run_on_both_sides_of_its_limit_of_delay(kind: str) -> Non
         late = e[-len(e) // 4 :].max()
         assert (late > 1.08 * e[len(e) // 4 : len(e) // 2].max()) == (periods == 1)
         assert (late > 100.0) == (periods == 1)
+
+
+@pytest.mark.parametrize("away", [[-77.7, -65.8, -76.0], [30.0, 5.0, 95.0], slow([60.0, 10.0, -90.0])])
+def test_range_bearing_noise_in_space_is_estimated_from_above(away: list[float]) -> None:
+    """It is at most sqrt(2) times that of runs; if q* rests, noise alone turns the agent."""
+    runs = [simulate(load_scenario(resting_bearing(away) | {"seed": seed}), backend="ideal") for seed in range(2)]
+    rms = np.sqrt(np.mean([rms_error(run)[200:] ** 2 for run in runs]))
+    noise = analyse(resting_bearing(away))["links"]["noise"]
+    assert 0.98 < noise["error"] / rms < np.sqrt(2.0)
+    assert noise["mean"] == 0.0

@@ -15,6 +15,7 @@ from mjsheaf.checking import CheckRecord, examine_scenario
 from mjsheaf.checking.loop.held_law import LawLoop
 from mjsheaf.checking.report import MAX_LINES, WIDTH, report, screen
 from tests.commands import answer_of
+from tests.running import analyse
 
 NUMBERS = ("tracking error", "largest gain", "delay margin", "better law", "fragility")
 
@@ -108,3 +109,16 @@ def test_scenarios_and_sheaves_have_a_short_form() -> None:
     sheaf = mjsheaf.Sheaf({"a": 2, "b": 3})
     sheaf.add_edge("a", "b", np.eye(1, 2), np.eye(1, 3))
     assert repr(sheaf) == "Sheaf(2 vertices and 1 edges; dim C^0 = 5, dim C^1 = 1)"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["unseen_target", "split_team"])
+def test_the_edges_that_are_suggested_make_assumption_5_hold(name: str) -> None:
+    scenario = mjsheaf.load_scenario(name)
+    record = analyse(scenario)
+    assert record["assumptions"][4]["holds"] is False
+    fix = record["topology_fix"]
+    kind = "communication" if "communication" in fix else "sensing"
+    ends = fix.split("[")[1].split("]")[0].split(", ")
+    edges = scenario.model_dump(mode="json", exclude_none=True).get(kind, [])
+    assert analyse(name, {kind: [*edges, ends]})["assumptions"][4]["holds"] is True

@@ -6,9 +6,13 @@ Oracle: the contract on DIR; what lies on the disk afterwards.
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from mjsheaf import load_scenario
+from mjsheaf.errors import ScenarioError
+from tests.builders import refused
 from tests.commands import Answer, all_contents, answer_of, is_refusal
 
 pytestmark = pytest.mark.usefixtures("without_plots")
@@ -99,3 +103,20 @@ def test_a_comparison_keeps_its_place_likewise(project: Path) -> None:
     assert run("a.yaml").code == 0
     shutil.move("runs/same-ideal", "runs/same-compare")
     assert is_refusal(answer_of("compare", "b/other.yaml", "--no-video"), "b/other.yaml", "--out")
+
+
+def test_a_mapping_is_a_scenario() -> None:
+    fields: dict[str, Any] = {
+        "agents": [{"id": "A", "position": (0, 0)}],
+        "targets": [{"id": "T", "position": [1, 1]}],
+        "sensing": [["A", "T"]],
+    }
+    scenario = load_scenario(fields, {"controller.gain": 3})
+    assert (scenario.name, scenario.controller.gain) == ("scenario", 3.0)
+    assert load_scenario({**fields, "name": "mine"}).name == "mine"
+    assert "name" not in fields
+    with refused(ScenarioError, "gian"):
+        load_scenario({**fields, "gian": 3})
+    for wrong in (None, 3, [fields], b"paper", scenario):
+        with refused(ScenarioError, "mapping", type(wrong).__name__):
+            load_scenario(wrong)  # type: ignore[arg-type]

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 from pettingzoo.test import parallel_api_test, parallel_seed_test  # type: ignore[import-untyped]
 
 from mjsheaf import load_scenario
 from mjsheaf.arrays import Array
-from mjsheaf.envs import env, parallel_env
+from mjsheaf.envs import env, parallel_env, vector_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario, refused
@@ -153,3 +154,20 @@ def test_pictures_show_the_vehicles() -> None:
     picture = seen.render()
     assert picture.shape == (480, 640, 3)
     assert picture.std() > 5.0
+
+
+def test_a_run_that_ended_stands_still_until_it_is_reset() -> None:
+    """Where that is asked for; else it begins again, which the tests of vectors compare."""
+    scenario = mixed_scenario(time={"end": 0.05})
+    worlds = vector_env(scenario, 2, autoreset_mode=AutoresetMode.DISABLED, same_episode=True)
+    first, _ = worlds.reset()
+    zero = still(worlds.action_space)
+    for _ in range(5):
+        last, _, _, truncated, _ = worlds.step(zero)
+    assert truncated.all()
+    after, rewards, _, truncated, _ = worlds.step(zero)
+    assert not truncated.any()
+    assert not rewards.any()
+    np.testing.assert_array_equal(after, last)
+    again, _ = worlds.reset(options={"reset_mask": np.array([True, False])})
+    np.testing.assert_array_equal(again, np.stack([first[0], last[1]]))

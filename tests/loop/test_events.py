@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mjsheaf import check, load_scenario, simulate
+from mjsheaf import check, load_scenario, save, simulate
 from mjsheaf.errors import InputError, NotUniqueError
+from mjsheaf.loop.system import Phase
 from mjsheaf.results.metrics import check_expectation, summarize, summarize_phases
+from mjsheaf.runs.publish import execute
 from mjsheaf.scenario import Scenario
 from mjsheaf.video.camera import View
 from mjsheaf.video.film import Frames, VideoOptions, film_of
@@ -471,3 +473,26 @@ def test_an_event_changes_nothing_before_its_time(law: str, backend: str, engine
         for name in ("velocity_command", "disagreement", "harmonic_extension"):
             np.testing.assert_array_equal(found[name].values[before], without[name].values[before], err_msg=str(event))
         assert not np.array_equal(found.velocity_command.values, without.velocity_command.values, equal_nan=True)
+
+
+def test_a_run_without_events_has_no_phases() -> None:
+    plain = simulate(mixed_scenario(), "ideal")
+    assert "phases" not in plain.attrs
+    assert plain["phase"].values.max() == 0
+    assert [type(phase) for phase in mixed_scenario().phases] == [Phase]
+
+
+@pytest.mark.long
+def test_a_published_run_knows_its_phases_and_is_what_is_saved(tmp_path: Any) -> None:
+    scenario = mixed_scenario(**PHASED)
+    outcome, data = execute(scenario, "ideal", tmp_path / "run", video=None), simulate(scenario, "ideal")
+    phases = summarize_phases(scenario.team, data)
+    assert [{key: told[key] for key in phases[0]} for told in outcome.summary["phases"]] == phases
+    assert outcome.summary["expect"]["met"] is False
+    with xr.open_dataset(tmp_path / "run" / "result.nc", engine="h5netcdf") as written:
+        np.testing.assert_array_equal(written["phase"].values, data["phase"].values)
+        assert written.attrs["phases"] == data.attrs["phases"]
+    save(data, tmp_path / "saved", video=False)
+    assert (tmp_path / "saved" / "result.nc").read_bytes() == (tmp_path / "run" / "result.nc").read_bytes()
+    again = load_scenario(tmp_path / "run" / "scenario.yaml")
+    np.testing.assert_array_equal(positions_of(simulate(again, "ideal")), positions_of(data))

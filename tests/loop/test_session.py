@@ -322,3 +322,18 @@ def test_what_cannot_be_simulated_is_refused() -> None:
     for seed in (-1, "x", 1.5):
         with refused(InputError, "seed is"):
             Session(scenario).reset(seed)  # type: ignore[arg-type]
+
+
+def test_a_world_takes_another_seed() -> None:
+    scenario = mixed_scenario(**TANGLED)
+    world, fresh = World(scenario), World(scenario.with_seed(5))
+    world.step(30)
+    world.reset(5)
+    for one in (world, fresh):
+        one.step(30)
+    np.testing.assert_array_equal(world.get_state(), fresh.get_state())
+    of_phases = World(scenario.phases)
+    with refused(InputError, "seed", "Scenario"):
+        of_phases.reset(5)
+    with refused(InputError, "seed"):
+        world.reset(-1)

@@ -503,3 +503,20 @@ def test_the_legend_lies_beside_the_scene(browser: Any, harbour: tuple[Path, Mad
         assert stage["x"] <= scale["x"]
         assert scale["x"] + scale["width"] <= stage["x"] + stage["width"]
         assert stage["y"] + stage["height"] >= scale["y"] + scale["height"]
+
+
+def test_the_policy_stops_what_would_go_outside(browser: Any, harbour: tuple[Path, Made]) -> None:
+    page = open_page(browser, harbour[0])
+    stopped = page.evaluate(
+        """async () => {
+          const seen = [];
+          document.addEventListener('securitypolicyviolation', event => seen.push(event.effectiveDirective));
+          await fetch('https://example.org/').catch(() => {});
+          document.body.append(Object.assign(new Image(), { src: 'https://example.org/x.png' }));
+          document.body.append(Object.assign(document.createElement('script'), { textContent: 'window.broken = 1' }));
+          await new Promise(done => setTimeout(done, 300));
+          return [seen, window.broken];
+        }"""
+    )
+    assert set(stopped[0]) == {"connect-src", "img-src", "script-src-elem"}
+    assert stopped[1] is None

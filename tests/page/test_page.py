@@ -274,3 +274,8 @@ def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mjsheaf.show.played.length_of_piece", lambda _: 7)
     monkeypatch.setattr("mjsheaf.results.store.length_of_piece", lambda _: 7)
     assert make_page("midpoint", "ideal", {"time.end": 1.0}).page == whole
+
+
+def test_a_comparison_is_no_run(tmp_path: Path) -> None:
+    (tmp_path / "compare.json").write_text('{"mjsheaf_version": ""}')
+    assert is_refusal(answer_of("report", tmp_path), "holds a comparison")

@@ -4,6 +4,7 @@ Oracle: counts of the calls that build and compile, by what they are called with
 """
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,11 @@ import mjsheaf.team as teams
 import mjsheaf.vehicles.loading as loading
 from mjsheaf.files import dump_yaml
 from mjsheaf.scenario import Scenario, load_scenario
-from tests.builders import make_fields
+from mjsheaf.studies.workers import run_job
+from mjsheaf.vehicles.effects import Effects
+from tests.builders import make_fields, small_plan
 from tests.commands import call
+
 
 BOATS = {"A1": ([0, 0], "otter"), "A2": ([9, 0], "wamv"), "A3": ([0, 9], "otter")}
 TEAM = make_fields(
@@ -81,3 +85,21 @@ def test_a_copy_with_changes_is_built_anew_and_an_equal_one_is_equal() -> None:
     again = Scenario.model_validate(scenario.model_dump(mode="json"))
     assert again == scenario
     assert (again.system.initial == scenario.system.initial).all()
+
+
+def test_a_job_of_a_study_does(counts: Counter[str]) -> None:
+    plan = small_plan(gains=(1.0,), seeds=None)
+    job = plan.job(plan.points[0])
+    counts.clear()
+    assert run_job(job).record["status"] == "finished"
+    assert counts["team"] == 1
+    assert set(counts.values()) == {1}
+
+
+def test_seeds_share_their_vehicles_and_other_effects_do_not() -> None:
+    scenario = load_scenario("paper")
+    first, other = scenario.system, scenario.with_seed(7).system
+    assert first is not other
+    assert all(one is another for one, another in zip(first.vehicles, other.vehicles, strict=True))
+    free = replace(first, bodies=replace(first.bodies, effects=Effects(limits=False)))
+    assert not any(vehicle in first.vehicles for vehicle in free.vehicles)

@@ -14,10 +14,11 @@ import xarray as xr
 import mjsheaf
 from mjsheaf.errors import NotUniqueError, ScenarioError
 from mjsheaf.files import parse_yaml, read_yaml
+from mjsheaf.results.metrics import summarize
 from mjsheaf.scenario import Scenario, list_scenarios, load_scenario
 from mjsheaf.scenario.load import parse_override
 from mjsheaf.team.edges import ExplicitMaps
-from tests.builders import dump_scenario, shipped, validator_of
+from tests.builders import Simulated, dump_scenario, shipped, validator_of
 
 BACKENDS = ("ideal", "physics")
 REFUSED = [name for name, scenario in shipped().items() if scenario.expect.refused is not None]
@@ -209,3 +210,29 @@ def test_time_end_keeps_whole_periods() -> None:
         assert len(load_scenario("paper", {"time.end": end}).system.grid.samples) == samples
     times = load_scenario("paper").system.grid.samples
     np.testing.assert_allclose(times, 0.01 * np.arange(1, 5000), atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_dataset_holds_what_the_contract_names(backend: str, simulated: Simulated) -> None:
+    ds = simulated("local_frames", backend)
+    assert ds["agent_position"].dims == ("time", "agent", "axis")
+    assert ds["target_position"].dims == ("time", "target", "axis")
+    assert ds["disagreement"].dims == ds["tracking_error"].dims == ("time", "agent")
+    assert list(ds["axis"].values) == ["x", "y", "z"]
+    planar = ds["agent_position"].sel(axis="z").isnull().all("time").values
+    assert planar.tolist() == [True] * 3 + [False] * 3
+    assert len(ds["time"]) == 2001
+    for name, variable in ds.data_vars.items():
+        assert {"units", "long_name"} <= set(variable.attrs), name
+    if backend == "physics":
+        assert {"agent_orientation", "target_command", "agent_saturation"} <= set(ds.data_vars)
+        norm = np.linalg.norm(ds["agent_orientation"].values, axis=2)
+        np.testing.assert_allclose(norm, 1.0, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_paper_centering_matches_the_published_account(simulated: Simulated) -> None:
+    final = summarize(load_scenario("paper").system.team, simulated("paper", "ideal"))
+    assert 7.2 < final["centering_error"] < 7.4  # "up to 7.3 m from their targets"
+    assert final["mean_disagreement"] == pytest.approx(1.433368287835867, abs=1e-8)

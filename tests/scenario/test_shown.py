@@ -152,3 +152,40 @@ def test_the_swarm_is_carried_off_in_the_shadow_and_comes_back(backend: str, sim
     assert back < 1.1 * before
     silent = 1.0 - float(data["delivery"].mean())  # ten of eleven in the shadow, a quarter of the run
     assert silent == pytest.approx(10 / 44, abs=0.01)
+
+
+@pytest.mark.long
+def test_targets_move_fast_and_apart(simulated: Simulated) -> None:
+    dataset = simulated("harbour", "physics")
+    position = dataset["target_position"].values.copy()
+    position[..., 2] = np.nan_to_num(position[..., 2])
+    speed = np.linalg.norm(np.gradient(position, dataset["time"].values, axis=0), axis=2)
+    late = dataset["time"].values >= 5.0  # they set off from rest
+    assert speed[late].min() >= 1.0
+    assert np.linalg.norm((position[:, 0] - position[:, 1])[:, :2], axis=1).min() >= 10.0
+
+
+def test_the_team_is_tied_together_and_sees_little() -> None:
+    team = load_scenario("harbour").system.team
+    kinds = {agent.id: agent.dimension for agent in team.agents}
+    across = [e for e in team.communication if kinds[e.tail] != kinds[e.head]]
+    assert len(across) >= 2
+    for edge in across:
+        np.testing.assert_array_equal(edge.weight, np.eye(2))
+    seers = {e.tail for e in team.sensing}
+    assert all(sum(kinds[a] == n for a in seers) <= 2 for n in (2, 3))
+    assert len(load_scenario("harbour").agents) == 8
+    vehicles = [a.vehicle for a in load_scenario("harbour").agents]
+    assert vehicles == ["hexarotor"] * 4 + ["wamv"] * 4
+
+
+def test_the_gate_is_narrower_than_the_formation() -> None:
+    scenario = load_scenario("narrow_gate")
+    assert scenario.safety is not None
+    towers = [obstacle.model_dump() for obstacle in scenario.safety.obstacles]
+    gap = abs(towers[0]["ends"][0][1] - towers[1]["ends"][0][1]) - 2 * towers[0]["radius"]
+    width = [
+        np.ptp([phase.system.team.displacement[agent][1] for agent in scenario.team.agent_ids])
+        for phase in scenario.phases
+    ]
+    assert width[0] > gap > width[2] + 2 * 4.2  # with the distance, and the margin of an Otter, on both sides
