@@ -20,7 +20,6 @@ from mjsheaf.vehicles.effects import Effects
 from tests.builders import make_fields, small_plan
 from tests.commands import call
 
-
 BOATS = {"A1": ([0, 0], "otter"), "A2": ([9, 0], "wamv"), "A3": ([0, 9], "otter")}
 TEAM = make_fields(
     {id: {"position": place, "vehicle": vehicle} for id, (place, vehicle) in BOATS.items()},
