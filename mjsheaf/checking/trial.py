@@ -371,7 +371,7 @@ def _diverging(
 
 
 def _held_up(
-    system: System, last: xr.Dataset, *, least: float = 0.1, share: float = 0.3, away: float = 1.4
+    system: System, last: xr.Dataset, *, least: float = 0.1, share: float = 0.95, away: float = 1.4
 ) -> Iterator[TrialProblem]:
     """Yield agents that the safety filter holds up in the last quarter, away from their places, without an approach.
 
@@ -379,7 +379,8 @@ def _held_up(
         system: System of the last phase.
         last: Its data.
         least: Mean change of commands below which the filter does not hold an agent up, m/s.
-        share: That change over the mean speed commanded, below which it does not, either.
+        share: That change over the mean speed that is left of the commands, below which it does not, either: a filter
+            that acts on the way changes commands, too.
         away: Mean error above which an agent is away, m.
     """
     if "safety_correction" not in last or last.sizes["time"] < _MIN_SAMPLES:
