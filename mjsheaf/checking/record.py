@@ -18,7 +18,7 @@ from mjsheaf.checking.loop.prediction import DisturbanceRecord, SteadyError
 from mjsheaf.checking.repairs import Augmentation, Rigidity
 from mjsheaf.checking.separation import MOSTLY, SafetyRecord
 from mjsheaf.checking.spectrum import Fragility, RelativeCohomology
-from mjsheaf.checking.theorem.certificate import FILTERED, Assumption
+from mjsheaf.checking.theorem.certificate import Assumption
 from mjsheaf.checking.theorem.targets import TargetsLoop
 from mjsheaf.checking.trial import TrialRecord
 from mjsheaf.errors import and_more, and_others, listed
@@ -253,13 +253,9 @@ def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) ->
     """Return the problems that the analysis leaves undecided and a trial decides.
 
     These are loops of boats without a linear model, and of slow vehicles over links, if their inertia, delays and
-    losses together give a phase lag at the crossover above `largest`, rad; and missions with a safety filter, which may
-    hold agents up on their way.
+    losses together give a phase lag at the crossover above `largest`, rad.
     """
     parts: list[PartRecord] = [record, *record.phases]
-    if any(part.safety is not None for part in parts):
-        what = "the safety filter may hold agents up, and the mission was not tried"
-        return [Problem(kind="untried", what=what, why=FILTERED)]
     for part in parts:
         bodies = part.margins.bodies
         undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > largest
