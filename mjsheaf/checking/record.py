@@ -136,7 +136,7 @@ class Problem(Record):
 
     kind: str = Field(
         description="assumption_1 to assumption_7, rigid, place, undecided, held_law, links, bodies, targets, turning, "
-        "flow, wind, gusts, slow, limited, noise, unsafe, room, or untried"
+        "flow, wind, gusts, slow, limited, unsafe, room, or untried"
     )
     what: str = Field(description="what is wrong, in a few words")
     why: str = Field("", description="the reason, with numbers, or empty")
@@ -455,18 +455,6 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
         )
     slow = list(_of_slow(part))
     yield from slow
-    noise = [] if part.links is None or part.links.noise is None else part.links.noise.agents
-    shaken = {each.agent: each.command or 0.0 for each in noise}
-    jumpy = [one for one in part.margins.speed if not one.limited and shaken.get(one.agent, 0.0) > one.top_speed]
-    if jumpy:
-        worst = max(jumpy, key=lambda demand: shaken[demand.agent] - demand.top_speed)
-        yield Problem(
-            kind="noise",
-            what=f"{and_others(worst.agent, len(jumpy) - 1)} cannot follow commands that noise makes",
-            why=f"noise of measurements makes commands of {shaken[worst.agent]:.3g} m/s RMS for {worst.agent}, which "
-            f"moves at {worst.top_speed:.3g} m/s at most",
-            fix="a lower controller.gain, less noise, longer filters of the terms, or a velocity_limit",
-        )
     carried = part.disturbance.carried_off
     blown = {id: (wind, most) for id, (wind, most) in part.margins.wind.items() if most is not None and wind > most}
     if blown:
@@ -500,22 +488,18 @@ def _of_slow(part: PartRecord, *, deficit: float = 0.5) -> Iterator[Problem]:
         if not slow:
             continue
         worst = max(slow, key=lambda demand: demand.deficit or 0.0)
-        limit = _round(_SPARE * max((demand.steady or 0.0) / demand.heard for demand in slow))
+        limit = _round(_SPARE * max(demand.steady or 0.0 for demand in slow))
         raised = limited and limit <= min(demand.top_speed for demand in slow)
         changes = {"controller.velocity_limit": limit} if raised else {}
         at_times = sum((demand.steady or 0.0) > demand.largest for demand in alike)
         limiting = "its velocity limit is" if limited else "the top speed of its vehicle is"
-        heard, better = "", ""
-        if worst.heard < 1.0:
-            heard = f", with measurements at {100.0 * worst.heard:.0f} % of the samples"
-            better = ", or links that lose less"
         yield Problem(
             kind="limited" if limited else "slow",
             what=f"{at_times} of {len(part.disturbance.agents)} agents are slower than their places "
             f"({worst.largest:.3g} of {worst.steady:.3g} m/s)",
             why=f"{worst.agent} stays {worst.deficit:.3g} m or more behind: relative to the medium, q* moves at up to "
-            f"{worst.steady:.3g} m/s, and {limiting} {worst.limit if limited else worst.top_speed:.3g} m/s{heard}",
-            fix=(describe_changes(changes) or "slow targets, or faster vehicles") + better,
+            f"{worst.steady:.3g} m/s, and {limiting} {worst.largest:.3g} m/s",
+            fix=describe_changes(changes) or "slow targets, or faster vehicles",
             changes=changes,
         )
 

@@ -250,8 +250,6 @@ def _problems(
     deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else [])
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
-    held_up = [] if deadlocked.any() else list(_held_up(*of_phase(phases, data, -1)))
-    yield from held_up
     if stuck:
         first = team.agent_ids[stuck[0].agent]
         text = (
@@ -262,7 +260,7 @@ def _problems(
     system, last = of_phase(phases, data, -1)
     growing = list(_diverging(system, last))
     yield from growing
-    if not stuck and not growing and not held_up:
+    if not stuck and not growing:
         yield from _without_headway(system, last)
     yield from _circling(system, last)
     whole = phases[0].system
@@ -370,41 +368,13 @@ def _diverging(
     )
 
 
-def _held_up(
-    system: System, last: xr.Dataset, *, least: float = 0.1, share: float = 0.95, away: float = 1.4
-) -> Iterator[TrialProblem]:
-    """Yield agents that the safety filter holds up in the last quarter, away from their places, without an approach.
-
-    Args:
-        system: System of the last phase.
-        last: Its data.
-        least: Mean change of commands below which the filter does not hold an agent up, m/s.
-        share: That change over the mean speed that is left of the commands, below which it does not, either: a filter
-            that acts on the way changes commands, too.
-        away: Mean error above which an agent is away, m.
-    """
-    if "safety_correction" not in last or last.sizes["time"] < _MIN_SAMPLES:
-        return
-    quarters = _of_quarters(last)
-    end = last.isel(time=slice(-(last.sizes["time"] // 4), None))
-    changed = end["safety_correction"].mean("time").values
-    commanded = _by_second(end, np.zeros(3))[0].mean(axis=0)
-    failed = (changed > np.maximum(least, share * commanded)) & (quarters[3] > away) & ~_are_approaching(quarters)
-    words = (
-        "held up: the safety filter changes commands of {name} by {changed:.3g} m/s in the last quarter, {number:.3g} "
-        "m off up to t = {time:.6g} s"
-    )
-    ids, until = system.team.agent_ids, float(last["time"][-1])
-    yield from _failing("deadlock", ids, failed, quarters[3], until, words, changed=changed)
-
-
 def _without_headway(
     system: System,
     last: xr.Dataset,
     *,
     least: float = 0.1,
     headway: float = 0.15,
-    share: float = 0.7,
+    share: float = 0.65,
 ) -> Iterator[TrialProblem]:
     """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
@@ -425,7 +395,7 @@ def _without_headway(
     commanded, towards = size.mean(axis=0), along.mean(axis=0)
     idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & ~_are_approaching(quarters)
     part = (along * size).sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
-    short = (part < share) & (fourth > 2.8 * _FAR_BY) & (fourth > 0.98 * third)
+    short = (part < share) & (fourth > 3.0 * _FAR_BY) & (fourth > third)
     failed = (commanded > least) & (idle | short)
     words = (
         "without headway: {name} is commanded {commanded:.3g} m/s and makes {towards:.3g} m/s of it, {number:.3g} m "

@@ -208,8 +208,6 @@ def test_the_oracle_tells_growth_from_a_rise_that_something_drives(error, turn, 
             pytest.param(110_000 + seed, ok, marks=pytest.mark.slow)
             for seed, ok in [(6, True), (15, True), (20, False)]
         ),
-        # A drone that the filter holds up, as it loses 85 % of its measurements; a boat in too tight a turn.
-        *(pytest.param(seed, False, marks=pytest.mark.slow) for seed in (30_067, 30_287)),
         # A drone at its velocity limit half of the time, as far off without it; a boat that circles in a tight turn,
         # with errors that rise and fall.
         *(pytest.param(seed, ok, marks=pytest.mark.slow) for seed, ok in [(1_010_263, True), (1_020_076, False)]),

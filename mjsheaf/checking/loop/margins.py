@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field
 
 from mjsheaf.arrays import Array
@@ -61,17 +60,11 @@ class SpeedDemand(Record):
     )
     deficit: Finite = Field(
         description="smallest distance behind q* over the last quarter of the time, m, for an agent that begins on q* "
-        "and moves towards it at the smaller of `limit` and its top speed, or as far as `heard` lets it; null if "
-        "`steady` is"
+        "and moves towards it at the smaller of `limit` and its top speed; null if `steady` is"
     )
     able_forward: Finite = Field(
         description="forward speed; steady speed of its body through the medium at full thrust forward; null: "
         "unlimited thrusters"
-    )
-    heard: float = Field(
-        1.0,
-        description="fraction of samples at which a measurement of its edges arrives, where it is commanded to stay at "
-        "the others; else 1",
     )
 
     @property
@@ -88,8 +81,8 @@ class SpeedDemand(Record):
 
     @property
     def largest(self) -> float:
-        """The largest mean speed within its velocity limit and the top speed of its vehicle, m/s; see `_mean_speed`."""
-        return float(_mean_speed(np.inf if self.limit is None else self.limit, self.top_speed, self.heard))
+        """The smaller one of its velocity limit and the top speed of its vehicle, m/s."""
+        return self.top_speed if self.limit is None else min(self.limit, self.top_speed)
 
 
 class OneSided(Record):
@@ -197,40 +190,6 @@ def hold_margin(system: System, spectrum: Spectrum) -> HoldMargin | None:
     )
 
 
-def _mean_speed(limit: ArrayLike, top: ArrayLike, heard: ArrayLike) -> Array:
-    """Return the largest mean speed of agents whose commands are zero but at a fraction of the samples, m/s.
-
-    The mean of their commands is at most that fraction of the limit. That of their thrust along the way is at most that
-    fraction of the full thrust, as it brakes at the other samples; with drag D v + Q v^2, the mean speed is then at
-    most the square root of the fraction times the top speed, because D r v + Q (r v)^2 >= r^2 (D v + Q v^2) for r <= 1
-    and by Jensen's inequality.
-
-    Args:
-        limit: Velocity limits, m/s.
-        top: Top speeds, m/s.
-        heard: Fractions of the samples.
-    """
-    return np.minimum(np.multiply(limit, heard), np.multiply(top, np.sqrt(heard)))
-
-
-def _fraction_heard(system: System) -> Array:
-    """Return the fraction of samples at which a measurement of an agent's edges arrives, shape (N,).
-
-    Losses of edges are independent. It is 1 for agents with a measurement that is never lost or stands in for lost
-    ones, for those that never measure, with bursts, which may last longer than the run, and with terms, whose commands
-    do not vanish where nothing arrives.
-    """
-    law = system.law
-    lost = np.zeros(len(law.edges.tail))
-    for link in law.links.table:
-        if link["lossy"] and not (link["bursts"] or link["hold"] or law.extended):
-            lost[link["edge"]] = link["loss_good"]
-    missed = np.ones(len(system.team.members))
-    for end, listens in zip((law.edges.tail, law.edges.head), law.edges.listens.T, strict=True):
-        np.multiply.at(missed, end[listens], lost[listens])
-    return np.where(missed < 1.0, 1.0 - missed, 1.0)[: len(system.team.agents)]
-
-
 def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand]:
     """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
@@ -249,9 +208,7 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
         relative = above - own + shaken if path.cells is not None else np.full_like(above, np.nan)
     time, carried = path.time, team.unpack(relative)  # f_q(q*) - q*' there, shape (T, N, 3), m/s
     steady = np.linalg.norm(carried, axis=2).max(axis=0)
-    heard = _fraction_heard(system)
-    top = _mean_speed(system.law.limit[: len(team.agents)], np.maximum(able, forward), heard)
-    behind = _behind(time, carried, top)
+    behind = _behind(time, carried, np.minimum(system.law.limit[: len(team.agents)], np.maximum(able, forward)))
     deficit = behind[time >= time[0] + 0.75 * (time[-1] - time[0])].min(axis=0)
     asked = system.gain * np.linalg.norm(disagreement(system.law, system.initial)[: len(team.agents)], axis=1)
     limits = system.law.limit[: len(asked)]
@@ -266,7 +223,6 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
             able=able[i],
             deficit=deficit[i],
             able_forward=forward[i],
-            heard=heard[i],
         )
         for i in order.tolist()
     ]

@@ -43,7 +43,6 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 from scipy import linalg
-from scipy.special import chndtr
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import (
@@ -321,8 +320,8 @@ class DisturbanceRecord(Record):
     norm: Norm = Field(PER_AGENT_RMS, description="which norm `rms` is")
     carried_off: dict[str, float] = Field(
         {},
-        description="agents that cannot hold station for a tenth of the time: excess of the medium's speed, its "
-        "mean plus twice its RMS, over the vehicle's steady speed in its slowest direction, m/s",
+        description="agents that cannot hold station at times: excess of the medium's speed, its mean plus twice its "
+        "RMS, over the vehicle's steady speed in its slowest direction, m/s",
     )
     clipped: dict[str, float] = Field(
         {},
@@ -445,17 +444,8 @@ def predict_rms(
     )
 
 
-def _carried_off(system: System, medium: Array, *, often: float = 0.1) -> dict[str, float]:
-    """Return the excess of the medium's speed, m/s, for each agent for which it is too fast often.
-
-    The part that changes is taken to be normal, with half of its variance along each horizontal axis. The square of the
-    speed, over that half, then has the noncentral chi-squared distribution of two degrees of freedom.
-
-    Args:
-        system: The system.
-        medium: Mean velocity of the medium about each agent, shape (N, 3), m/s.
-        often: Fraction of the time that the medium must be faster than the agent's vehicle.
-    """
+def _carried_off(system: System, medium: Array) -> dict[str, float]:
+    """Return the excess of the medium's speed, m/s, for each agent for which it is too fast at times."""
     variance = np.zeros(len(system.field))
     for number, flow in enumerate(system.flows):
         if flow.waves is not None:
@@ -468,11 +458,9 @@ def _carried_off(system: System, medium: Array, *, often: float = 0.1) -> dict[s
     found = {}
     for i, id in enumerate(system.team.agent_ids):
         able = min(system.vehicles[i].capability.least_speed, float(system.law.limit[i]))
-        mean, half = float(np.linalg.norm(medium[i])), 0.5 * float(variance[i])
-        varies = half > 1e-4 * mean**2  # `chndtr` is for moderate ratios
-        slower = chndtr(able**2 / half, 2.0, mean**2 / half) if varies else float(mean <= able)
-        if slower < 1.0 - often:
-            found[id] = mean + 2.0 * float(np.sqrt(variance[i])) - able
+        excess = float(np.linalg.norm(medium[i])) + 2.0 * float(np.sqrt(variance[i])) - able
+        if excess > 0.0:
+            found[id] = excess
     return found
 
 
