@@ -466,9 +466,9 @@ def expect(
         loaded = lazy.scenario.load_scenario(scenario)
         path = lazy.load.find_scenario(scenario)
         data = path.read_bytes()
-        if update and scenario in lazy.load.list_scenarios():
-            raise InputError(f"{scenario}: comes with mjsheaf; copy {path} and update the copy")
         if update:
+            if scenario in lazy.load.list_scenarios():
+                raise InputError(f"{scenario}: comes with mjsheaf; copy {path} and update the copy")
             lazy.files.require_writable(path)
         order = lazy.expecting.BACKEND_ORDER
         wanted = sorted(map(str, set(backend or order)), key=order.index)

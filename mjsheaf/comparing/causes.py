@@ -307,14 +307,15 @@ def _change_of_law(
     room_factor: float = 1.05,  # ratio of the usable to the present gain above which raising the gain is advised
 ) -> str:
     """Advise how to lower the ideal run's error: a higher gain up to the usable one, and what concerns targets."""
-    others = ["more sensing agents", "slower targets"] if any(d.role == "targets" for d in record.demands) else []
+    targets = any(demand.role == "targets" for demand in record.demands)
     if record.gain is None:
-        return " or ".join([f"another law than {record.law}", *others[1:]])
+        return f"another law than {record.law}{', or slower targets' if targets else ''}"
     room = record.usable_gain
+    others = "more sensing agents, or slower targets" if targets else ""
     if room is None or room > room_factor * record.gain:
         upto = "" if room is None else f" (up to {room:.2g} 1/s)"
-        return ", ".join([f"a higher controller.gain{upto}", *others[:1], *(f"or {each}" for each in others[1:])])
-    return f"{' or '.join(others) or 'another law'} (a higher gain rings, above {room:.2g} 1/s)"
+        return f"a higher controller.gain{upto}{others and ', '}{others}"
+    return f"{others or 'another law'} (a higher gain rings, above {room:.2g} 1/s)"
 
 
 def _harmful_terms(record: CompareRecord) -> list[str]:

@@ -79,7 +79,7 @@ def _in_plane(columns: dict[str, Array], origin: list[float] | None) -> dict[str
     nearest = float(np.hypot(east, north).min(initial=np.inf))
     if _FARTHEST < nearest < np.inf:
         raise InputError(
-            f"origin: all positions are more than {nearest / 1e3:.0f} km away from {origin[0]:g}, {origin[1]:g}; "
+            f"origin: the nearest position is {nearest / 1e3:.0f} km away from {origin[0]:g}, {origin[1]:g}; "
             f"expected latitude, then longitude, of a place within {_FARTHEST / 1e3:g} km"
         )
     height = columns.get("up", columns.get("z"))

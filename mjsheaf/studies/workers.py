@@ -149,9 +149,8 @@ def _run(job: Job) -> tuple[dict[str, Any], bytes | None, bytes | None]:
             ratios = bound.ratio, bound.settled_ratio
         found["bound_ratio"], found["late_bound_ratio"] = map(finite, ratios)
     if study.trajectories:
-        found["series"] = error_series_of(
-            system.team, dataset.isel(time=thin(dataset.sizes["time"], 500))
-        )  # samples at most
+        few = thin(dataset.sizes["time"], 500)  # samples at most
+        found["series"] = error_series_of(system.team, dataset.isel(time=few))
     found[TRAFFIC] = communication(dataset, dataset.sizes["time"], system.grid.period)[TRAFFIC]
     record = new_record(job.point, scenario.seed, dataset.attrs["status"], dataset.attrs["message"], **found)
     if not study.trajectories:

@@ -172,7 +172,7 @@ def test_a_dialect_is_read(dialect: str, tmp_path: Path) -> None:
         (
             "t,lat,lon\n0,7,43\n",
             {"origin": [43, 7]},
-            r"origin: all positions are more than \d+ km away from 43, 7; expected latitude, then long",
+            r"origin: the nearest position is \d+ km away from 43, 7; expected latitude, then long",
         ),
         ("<?xml version='1.0'?>\n<gpx></gpx>\n", {}, "expected a table of numbers"),
         ("t,x,y\n0,1,2\n1,2\n", {}, "line 3: expected a number in each column, not '1,2'"),
