@@ -515,36 +515,3 @@ def test_range_and_bearing_need_a_frame(maps: Any, fits: bool) -> None:
     else:
         with pytest.raises(InputError, match=r"communication\.1.*range_bearing.*F_tail = R P"):
             scenario()
-
-
-@pytest.mark.slow
-def test_noise_is_white_of_its_deviation_and_the_bias_its_mean() -> None:
-    scenario, data = still({"all": {"noise": 0.3, "bias": 0.7}, "sensing": {"noise": 0.1}}, 100.0)
-    truth = true_measurements(scenario, data)
-    error = data["measurement"].values - truth
-    n, sigma = len(error), np.array([0.3, 0.3, 0.1, 0.1, 0.1, 0.1])
-    assert (np.abs(error.mean(axis=0) - 0.7) < 5 * sigma / np.sqrt(n)).all()
-    assert (np.abs(error.var(axis=0) / sigma**2 - 1) < 5 * np.sqrt(2 / n)).all()
-    unit = (error - 0.7) / sigma
-    both = np.corrcoef(np.hstack([unit[:-1], unit[1:]]).T)  # across numbers, edges, and from sample to sample
-    assert np.abs(both - np.eye(12)).max() < 5 / np.sqrt(n)
-    assert stats.kstest(unit.ravel(), "norm").pvalue > 1e-4
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("bursts", [0.3, BURSTS, {**BURSTS, "loss_good": 0.0, "loss_bad": 1.0}])
-def test_the_stationary_share_of_losses(bursts: Any) -> None:
-    """From the first sample on; five standard errors, those of a chain whose memory is 1 - to_bad - to_good."""
-    _, data = still({"all": {"loss": bursts}}, end=100.0)
-    lost = data["heard"].values == 0
-    chain = bursts if isinstance(bursts, dict) else {"to_bad": 0, "to_good": 1, "loss_good": 0.3, "loss_bad": 0.3}
-    bad = chain["to_bad"] / (chain["to_bad"] + chain["to_good"])
-    p = bad * chain["loss_bad"] + (1 - bad) * chain["loss_good"]
-    memory = 1 - chain["to_bad"] - chain["to_good"]
-    spread = bad * (1 - bad) * (chain["loss_bad"] - chain["loss_good"]) ** 2
-    variance = p * (1 - p) + 2 * spread * memory / (1 - memory)
-    assert (np.abs(lost.mean(axis=0) - p) < 5 * np.sqrt(variance / len(lost))).all()
-    np.testing.assert_allclose(data["delivery"], 1 - lost.mean(axis=0), rtol=0, atol=1e-12)
-    together = (lost[1:] & lost[:-1]).mean()  # P(lost, then lost again)
-    assert abs(together - (p * p + spread * memory)) < 5 * np.sqrt(variance / lost.size)
-    assert np.corrcoef(lost.T)[0, 1] < 0.1  # edges by themselves

@@ -253,21 +253,6 @@ def test_order_of_agents_and_links_do_not_matter() -> None:
         np.testing.assert_allclose(one, other, atol=1e-6)
 
 
-def test_targets_are_avoided_whatever_they_do() -> None:
-    """A target comes straight at an agent that wants to stay: the agent, which is faster, makes room."""
-    raw = swap(2)
-    raw["agents"][0]["position"] = raw["anchors"][0]["value"] = [0.0, 0.0, 5.0]
-    path = {"kind": "waypoints", "points": [[20, 0.1, 5]], "speed": 1}
-    raw["targets"] = [{"id": "T1", "position": [-20.0, 0.1, 5.0], "motion": path}]
-    raw["sensing"] = [{"between": ["A1", "T1"], "offset": [0.0, 12.0, 0.0]}]
-    raw["anchors"] = raw["anchors"][:1]
-    raw["time"] = {"end": 40.0}
-    raw["controller"]["velocity_limit"] = 4.0
-    run = simulate(load_scenario(raw), backend="ideal")
-    away = np.linalg.norm(places_of(run)[:, 0] - run["target_position"].values[:, 0], axis=1)
-    assert 2.0 - 1e-9 <= away.min() < 8.0
-
-
 def pulled(pull: float, hold: float, motion: dict[str, Any], drift: float, away: float = 0.0) -> Scenario:
     """An agent that keeps away from one target, which begins off its path."""
     raw = swap(1)

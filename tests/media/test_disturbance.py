@@ -58,15 +58,6 @@ def test_disturbances_do_disturb(seed: int) -> None:
     assert np.abs(omega.mean(axis=0)).max() < 0.1
 
 
-@given(kinds, dimensions, st.integers(0, 2**31))
-def test_the_same_seed_gives_the_same_bits(kind: Disturbance, sizes: list[int], seed: int) -> None:
-    one, again = (varying.draw([kind] * len(sizes), sizes, ids(sizes), seed) for _ in range(2))
-    np.testing.assert_array_equal(one, again)
-    other = varying.draw([kind] * len(sizes), sizes, ids(sizes), seed + 1)
-    if kind.bound > 0.0:
-        assert np.any(one != other)
-
-
 @given(kinds, dimensions, st.sets(st.integers(0, 3)), st.integers(0, 2**31), st.floats(0.0, 1e300), st.floats(0.0, 1e6))
 def test_the_bound_holds_at_any_time_and_both_forms_agree_where_the_loop_may_run(
     kind: Disturbance, sizes: list[int], calm: set[int], seed: int, late: float, early: float

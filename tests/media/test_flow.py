@@ -80,12 +80,6 @@ def test_decay_in_python_has_the_bits_of_the_compiled_one() -> None:
     assert np.isnan([in_python(np.nan), decay(np.nan)]).all()  # a position that is no number is reported elsewhere
 
 
-def test_direction_of_a_channel_is_normalised() -> None:
-    one, other = (field_of(2, channels=[[1, 2, s * 3, s * 4, 0.5, 1.0, 2.0]]) for s in (1.0, 10.0))
-    np.testing.assert_allclose(one.velocity([1.0, 2.0]), [0.3, 0.4], rtol=1e-14)
-    np.testing.assert_allclose(other.velocity([2.0, 1.0]), one.velocity([2.0, 1.0]), rtol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -74,26 +74,6 @@ def test_an_event_gives_the_run_that_is_glued_from_two_systems(
     assert np.abs(by_event["positions"][-1] - still["positions"][-1]).max() > 1e-3
 
 
-@pytest.mark.parametrize(("backend", "engine"), BACKENDS)
-def test_setting_what_is_already_there_changes_no_bit(backend: str, engine: str) -> None:
-    same = scenario_in(BEFORE, [{"time": TIME, "set": {"flow.agents.drift": BEFORE["drift"]}}])
-    plain = pieces_of(scenario_in(BEFORE).system, backend, engine)
-    for name, values in pieces_of(same.phases, backend, engine).items():
-        np.testing.assert_array_equal(values, plain[name], err_msg=name)
-
-
-def test_a_flow_that_returns_is_that_of_the_beginning() -> None:
-    events = [
-        {"time": 0.1, "set": {"flow.agents": AFTER}},
-        {"time": 0.2, "set": {"flow.agents": None}},
-        {"time": 0.3, "set": {"flow.agents": BEFORE}},
-    ]
-    phases = scenario_in(BEFORE, events).phases
-    assert [phase.system.flows[0].drift for phase in phases] == [[0.3, 0.2], [-0.2, 0.1], None, [0.3, 0.2]]
-    assert phases[0].system is phases[3].system
-    assert phases[2].events == ("agents = None",)
-
-
 def test_a_flow_by_medium_begins_where_there_was_none() -> None:
     events = [{"time": TIME, "set": {"flow.water": {"dimension": 2, "drift": [1, 0]}}}]
     scenario = mixed_scenario(time={"end": 0.4}, flow={}, events=events)
@@ -135,19 +115,6 @@ def test_check_decides_each_phase_in_its_own_flow() -> None:
     first, second = (phase["theorem"] for phase in record["phases"])
     assert first["f_bar"] != second["f_bar"]
     assert first["rho"] == 0.0 < second["rho"]
-
-
-@pytest.mark.parametrize("strength", [0.5, 5.0])
-def test_a_run_keeps_the_bounds_of_its_phases(strength: float) -> None:
-    change = {"flow.agents": AFTER | {"drift": [-strength, 0.3 * strength]}}
-    scenario = scenario_in(BEFORE, [{"time": 1.0, "set": change}], time={"end": 2.0})
-    bounds = bounds_of_phases(scenario.phases, simulate(scenario, "ideal"))
-    assert len(bounds) == 2
-    for theorem, held in bounds:
-        assert theorem.applies
-        for ratio in (theorem.ratio, held.ratio):
-            assert ratio is not None
-            assert ratio <= 1.0
 
 
 def test_video_and_page_show_the_flow_of_each_phase() -> None:

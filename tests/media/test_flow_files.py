@@ -140,9 +140,11 @@ def level(file: File, **attrs: Any) -> File:
     return file.values(lambda w: np.stack([w, 2.0 * w], axis=1), ("time", "level", "lat", "lon"))
 
 
-def as_list(file: File) -> File:
-    """Put all places in a list, as meshes, trajectories and compressed grids do."""
+def as_list(file: File, **attrs: Any) -> File:
+    """Put all places in a list, as meshes, trajectories and compressed grids do, whose axis may have attributes."""
     file.set("lat", LATITUDE + np.linspace(-0.01, 0.01, 5), ("node",)).set("lon", dims=("node",))
+    if attrs:
+        file.set("node", np.arange(5), ("node",), **attrs)
     return file.values(lambda w: w[:, 0, :], ("time", "node"))
 
 
@@ -169,11 +171,8 @@ ATTRIBUTES: dict[str, Change | tuple[Change, Any]] = {
     "cell_methods": lambda f: f.flow(cell_methods="time: mean (interval: 1 hour comment: sampled) area: mean"),
     "cell_methods over several axes": lambda f: f.flow(cell_methods="time: lat: lon: mean"),
     "cell_methods of a variance": (lambda f: f.flow(cell_methods="time: variance"), "uo \\(variance\\)"),
-    "cell_methods of a maximum": (lambda f: f.flow(cell_methods="area: mean time: maximum"), "uo \\(maximum\\)"),
-    "cf_role": (
-        lambda f: as_list(f).set("node", np.arange(5), ("node",), cf_role="trajectory_id"),
-        "a list \\(node\\)",
-    ),
+    "cell_methods of a maximum": (lambda f: f.flow(cell_methods="area: mean time: Maximum"), "uo \\(maximum\\)"),
+    "cf_role": (lambda f: as_list(f, cf_role="trajectory_id"), "a list \\(node\\)"),
     "climatology": (lambda f: f.set("time", climatology="climatology_bounds"), "climatology"),
     "compress": (
         lambda f: (
@@ -195,16 +194,17 @@ ATTRIBUTES: dict[str, Change | tuple[Change, Any]] = {
         .set("east", dims=("i",))
     ),
     "_FillValue": (lambda f: hole(f, -999.0).flow(_FillValue=-999.0), "hole"),
-    "flag_masks": (lambda f: f.values(lambda w: w.astype(np.int16)).flow(flag_masks=[1]), "expected numbers"),
-    "flag_meanings": (lambda f: f.values(lambda w: w.astype(np.int16)).flow(flag_meanings="a b"), "expected numbers"),
-    "flag_values": (lambda f: f.values(lambda w: w.astype(np.int16)).flow(flag_values=[1, 2]), "expected numbers"),
+    **{
+        name: (lambda f, name=name: f.values(lambda w: w.astype(np.int16)).flow(**{name: [1, 2]}), "expected numbers")
+        for name in ("flag_masks", "flag_meanings", "flag_values")
+    },
     "formula_terms": (
         lambda f: level(f, standard_name="ocean_sigma_coordinate", formula_terms="sigma: level eta: zeta depth: h"),
         "uo: has an axis level.*`select`: 1, 2",
     ),
     "grid_mapping": lambda f: f.flow(grid_mapping="crs").set("crs", 0, (), grid_mapping_name="latitude_longitude"),
     "grid_mapping that is missing": lambda f: f.flow(grid_mapping="crs"),
-    "instance_dimension": (lambda f: as_list(f).set("node", np.arange(5), ("node",), instance_dimension="t"), "a list"),
+    "instance_dimension": (lambda f: as_list(f, instance_dimension="t"), "a list"),
     "leap_month": (lambda f: f.set("time", calendar="none", leap_month=2, leap_year=1600), "time has no dates"),
     "mesh": (lambda f: as_list(f).flow(mesh="mesh", location="node"), "a list \\(node\\)"),
     "missing_value": (lambda f: hole(f, -999.0).flow(missing_value=-999.0), "hole"),
@@ -212,21 +212,14 @@ ATTRIBUTES: dict[str, Change | tuple[Change, Any]] = {
     "_FillValue and missing_value": (lambda f: hole(f, -999.0).flow(_FillValue=-1.0, missing_value=-999.0), "hole"),
     "the fill value of netCDF": (lambda f: hole(f, 9.969209968386869e36), "hole"),
     "the fill value of netCDF, packed": (lambda f: hole(packed(f), -32767), "hole"),
-    "a number for nothing that no attribute names": (
-        lambda f: hole(f, -9999.0),
-        "uo: is -9999 m/s at 2026-05-01 ?T?00:00",
-    ),
+    "a number for nothing that no attribute names": (lambda f: hole(f, -9999.0), "uo: is -9999 m/s at 2026-05-01"),
     "node_count": lambda f: f.flow(node_count="n"),
     "positive": lambda f: level(f, values=np.array([-1.0, -2.0]), units="m", positive="up"),
     "positive against the medium": (lambda f: level(f, units="m", positive="up"), "level goes from 1 to 2 m up"),
-    "sample_dimension": (lambda f: as_list(f).set("node", np.arange(5), ("node",), sample_dimension="obs"), "a list"),
+    "sample_dimension": (lambda f: as_list(f, sample_dimension="obs"), "a list"),
     "scale_factor": packed,
     "standard_error_multiplier": (
-        lambda f: (
-            f.flow(standard_name=None, standard_error_multiplier=2.0)
-            .set("uo", standard_name="eastward_sea_water_velocity standard_error")
-            .set("vo", standard_name="northward_sea_water_velocity standard_error")
-        ),
+        lambda f: f.flow(standard_name="eastward_sea_water_velocity standard_error", standard_error_multiplier=2.0),
         "has no velocities",
     ),
     "standard_name that is a number": lambda f: f.flow(standard_name=5),
@@ -241,29 +234,20 @@ ATTRIBUTES: dict[str, Change | tuple[Change, Any]] = {
     "valid_max": (lambda f: hole(f, 3.0).flow(valid_max=2.0), "hole"),
     "valid_range": (lambda f: hole(f, 3.0).flow(valid_range=[-2.0, 2.0]), "hole"),
     "valid_range of text": (lambda f: f.flow(valid_range="-2 2"), "uo: has a valid_min, .* of -2 2; expected numbers"),
-    "valid_range of packed values": (
-        lambda f: hole(packed(f), 3000).flow(valid_range=np.array([-2000, 2000], "i2")),
-        "hole",
-    ),
+    "valid_range of packed values": (lambda f: hole(packed(f), 3000).flow(valid_range=np.int16([-2000, 2000])), "hole"),
     "valid_range of unpacked values": (lambda f: hole(packed(f), 3000).flow(valid_range=[-2.0, 2.0]), "hole"),
-    "cell_methods in capitals": (lambda f: f.flow(cell_methods="time: Maximum"), "uo \\(maximum\\)"),
     "missing_value that is text": (lambda f: hole(f, -9.0).flow(missing_value="-9."), "hole"),
     "missing_value that is no number": (lambda f: f.flow(missing_value="none"), "cannot be read"),
     "valid_min that is no number": (lambda f: f.flow(valid_min="n/a"), "expected numbers"),
-    "valid_range that is text": (lambda f: f.flow(valid_range="-5, 5"), "expected numbers"),
     "scale_factor that is text": (lambda f: f.flow(scale_factor="0.5"), "cannot be read"),
-    "scale_factor of a coordinate": (lambda f: f.set("lat", scale_factor="0.5"), "cannot be read"),
-    "_Unsigned in capitals": (
-        lambda f: f.values(lambda w: np.full(w.shape, -56, np.int8)).flow(_Unsigned="True", scale_factor=0.001),
-        (0.2, 0.2),
-    ),
-    "_Unsigned": (
-        lambda f: f.values(lambda w: np.full(w.shape, -56, np.int8)).flow(
-            _Unsigned="true", scale_factor=0.001, valid_range=np.array([0, -2], np.int8)
-        ),
-        (0.2, 0.2),
-    ),
+    "_Unsigned in capitals": (lambda f: of_bytes(f, _Unsigned="True"), (0.2, 0.2)),
+    "_Unsigned": (lambda f: of_bytes(f, _Unsigned="true", valid_range=np.int8([0, -2])), (0.2, 0.2)),
 }
+
+
+def of_bytes(file: File, **attrs: Any) -> File:
+    """Pack the values in bytes, which are 200 without their sign: 0.001 m/s for each count."""
+    return file.values(lambda w: np.full(w.shape, -56, np.int8)).flow(scale_factor=0.001, **attrs)
 
 
 def hole(file: File, value: Any) -> File:
@@ -344,9 +328,8 @@ def test_families_of_velocities(east: str, medium: str, place: Path) -> None:
     "standard", ["eastward_sea_ice_velocity", "eastward_sea_water_velocity_due_to_tides", "nonsense"]
 )
 def test_what_is_not_known_as_the_flow_is_chosen_by_its_name_alone(standard: str, place: Path) -> None:
-    file = (
-        current().set("uo", standard_name=standard).set("vo", standard_name=standard.replace("eastward", "northward"))
-    )
+    file = current().set("uo", standard_name=standard)
+    file.set("vo", standard_name=standard.replace("eastward", "northward"))
     decide(file, place, "has no velocities.*expected two of uo, vo in `variables`")
     decide(file, place, UNCHANGED, variables=["uo", "vo"])
 
@@ -363,16 +346,12 @@ def test_names_count_where_no_standard_name_does(place: Path) -> None:
 
 
 def test_the_third_component_is_upward_and_may_be_left_out(place: Path) -> None:
-    file = wind().set(
-        "w", np.full((3, 4, 5), 0.7), ("time", "lat", "lon"), standard_name="upward_air_velocity", units="m/s"
-    )
-    file.write(place)
-    assert (read(place, "air").grid.velocity[..., 2] == 0.7).all()
-    assert (read(place, "air", variables=["uo", "vo"]).grid.velocity[..., 2] == 0.0).all()
-    file.set("w", cell_methods="time: maximum").write(place)
-    assert (read(place, "air").grid.velocity[..., 2] == 0.0).all()
-    file.set("w", cell_methods=None, standard_name="lagrangian_tendency_of_air_pressure", units="Pa s-1").write(place)
-    assert (read(place, "air").grid.velocity[..., 2] == 0.0).all()
+    upward = {"standard_name": "upward_air_velocity", "units": "m/s"}
+    pressure = {"standard_name": "lagrangian_tendency_of_air_pressure", "units": "Pa s-1"}
+    for attrs, w in ((upward, 0.7), (upward | {"cell_methods": "time: maximum"}, 0.0), (pressure, 0.0)):
+        wind().set("w", np.full((3, 4, 5), 0.7), ("time", "lat", "lon"), **attrs).write(place)
+        assert (read(place, "air").grid.velocity[..., 2] == w).all()
+        assert (read(place, "air", variables=["uo", "vo"]).grid.velocity[..., 2] == 0.0).all()
 
 
 @pytest.mark.parametrize(("medium", "speed"), [("water", 20.0), ("air", 150.0)])
@@ -381,10 +360,8 @@ def test_speeds_that_no_medium_has_are_refused_with_place_and_time(medium: str, 
         file = current() if medium == "water" else wind()
         values = np.full((3, 4, 5), U)
         values[1, 2, 3] = value
-        number = re.escape(f"{value:.4g}")
-        decide(
-            file.set("uo", values), place, f"uo: is {number} m/s at 2026-05-01.01:00:00, lat 43.0033, lon 7.005", medium
-        )
+        words = f"uo: is {re.escape(f'{value:.4g}')} m/s at 2026-05-01.01:00:00, lat 43.0033, lon 7.005"
+        decide(file.set("uo", values), place, words, medium)
     decide(file.set("uo", np.full((3, 4, 5), 0.99 * speed)), place, (0.99 * speed, V), medium)
 
 
@@ -463,19 +440,6 @@ MAPPINGS: dict[str, dict[str, Any]] = {
         "standard_parallel": [50.0, 63.0],
         "longitude_of_central_meridian": -25.0,
         "latitude_of_projection_origin": 55.0,
-    },
-    "transverse_mercator": {
-        "scale_factor_at_central_meridian": 0.9996,
-        "longitude_of_central_meridian": 9.0,
-        "latitude_of_projection_origin": 0.0,
-        "false_easting": 5e5,
-        "false_northing": 0.0,
-    },
-    "lambert_azimuthal_equal_area": {
-        "longitude_of_projection_origin": 10.0,
-        "latitude_of_projection_origin": 52.0,
-        "false_easting": 4.321e6,
-        "false_northing": 3.21e6,
     },
     "rotated_latitude_longitude": {"grid_north_pole_latitude": 39.25, "grid_north_pole_longitude": -162.0},
 }
@@ -665,7 +629,6 @@ def test_calendars_are_those_of_cftime(calendar: str, units: str, place: Path) -
         ("hours since 2026-05-01 02:00 +02:00", [0.0, 3600.0, 7200.0]),
         ("Hour since 2026-05-01T00:00:00Z", [0.0, 3600.0, 7200.0]),
         ("months since 2026-05-01", "time has the unit 'months since 2026-05-01'; expected seconds"),
-        ("years since 2026-05-01", "time has the unit 'years since"),
         ("seconds", "time has the unit 'seconds'; expected seconds, minutes, hours or days since a date"),
         (None, "time has the unit ''; expected"),
         ("days since the flood", "time has no dates"),
@@ -732,9 +695,8 @@ def staggered() -> File:
     lat, lon = LATITUDE + 0.01 * np.arange(6), LONGITUDE + 0.01 * np.arange(7)
     file = current().drop("uo", "vo", "lat", "lon")
     file.set("lat", lat, ("lat",), units="degrees_north").set("lon", lon, ("lon",), units="degrees_east")
-    file.set("lat_v", lat + 0.005, ("lat_v",), units="degrees_north").set(
-        "lon_u", lon + 0.005, ("lon_u",), units="degrees_east"
-    )
+    file.set("lat_v", lat + 0.005, ("lat_v",), units="degrees_north")
+    file.set("lon_u", lon + 0.005, ("lon_u",), units="degrees_east")
     u = np.broadcast_to(0.1 + 10.0 * (lon + 0.005 - LONGITUDE) + 5.0 * (lat[:, None] - LATITUDE), (3, 6, 7))
     v = np.broadcast_to(-0.1 + 3.0 * (lon - LONGITUDE) - 8.0 * (lat[:, None] + 0.005 - LATITUDE), (3, 6, 7))
     file.set("uo", u.copy(), ("time", "lat", "lon_u"), standard_name="sea_water_x_velocity", units="m s-1")
@@ -782,11 +744,9 @@ def unlike(name: str) -> File:
     ("file", "words", "fields"),
     [
         (current().set("uo", np.full((3, 4, 5), "a")), "uo: has values of type .*; expected numbers", {}),
-        (current().set("uo", np.ones((3, 4, 5), bool)), "uo: has values of type .*; expected numbers", {}),
         (current().set("uo", np.full((3, 4, 5), np.nan)), "uo: has no values", {}),
         (current().values(lambda w: w[:0]).set("time", np.zeros(0)), "uo: has no values", {}),
         (current(), r"origin: \(91, 7\) is no place", {"origin": [91.0, 7.0]}),
-        (curvilinear(), "uo: the grid is curvilinear .*cdo remapbil", {}),
         (curvilinear(coordinates="lat lon"), "uo: the grid is curvilinear .*cdo remapbil", {}),
         (timed(0.0, np.nan, 2.0), "time has missing values", {}),
         (timed(0, -(2**63), 2), "time has missing values|time has no dates|do not rise", {}),
@@ -799,7 +759,6 @@ def unlike(name: str) -> File:
         ),
         (unlike("uo"), "uo and vo have different times", {}),
         (unlike("vo"), "uo and vo have different times", {}),
-        (staggered().drop("lon_u"), "uo: has no longitude", {}),
         (staggered().drop("lat_v"), "vo: has no latitude", {}),
     ],
 )

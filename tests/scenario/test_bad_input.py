@@ -260,11 +260,6 @@ def test_no_text_of_a_user_reaches_the_terminal_raw(text: str) -> None:
         assert all(line.isprintable() for line in out.getvalue().split("\n"))
 
 
-def test_an_empty_path_is_seen() -> None:
-    with refused(ScenarioError, "target_motion: '': No such file"):
-        load_scenario(GOOD | {"target_motion": {"kind": "file", "path": ""}})
-
-
 def test_a_message_has_an_end() -> None:
     assert len(str(ScenarioError("x" * 100_000))) <= 4000
     assert pickle.loads(pickle.dumps(ScenarioError("a", "b"))).args == ("a", "b")

@@ -80,14 +80,6 @@ def test_the_error_through_a_change_is_that_before_it(name: str) -> None:
         assert agrees(shown.strip(), value), (shown, value)
 
 
-@pytest.mark.long
-def test_engines_agree_on_the_gate() -> None:
-    mujoco, fused = (simulate(gate(), engine=engine) for engine in ("mujoco", "fused"))
-    np.testing.assert_allclose(
-        mujoco["agent_position"].values, fused["agent_position"].values, rtol=0, atol=1e-6, equal_nan=True
-    )
-
-
 BACKENDS = ["ideal", "physics"]
 
 
@@ -152,31 +144,6 @@ def test_the_swarm_is_carried_off_in_the_shadow_and_comes_back(backend: str, sim
     assert back < 1.1 * before
     silent = 1.0 - float(data["delivery"].mean())  # ten of eleven in the shadow, a quarter of the run
     assert silent == pytest.approx(10 / 44, abs=0.01)
-
-
-@pytest.mark.long
-def test_targets_move_fast_and_apart(simulated: Simulated) -> None:
-    dataset = simulated("harbour", "physics")
-    position = dataset["target_position"].values.copy()
-    position[..., 2] = np.nan_to_num(position[..., 2])
-    speed = np.linalg.norm(np.gradient(position, dataset["time"].values, axis=0), axis=2)
-    late = dataset["time"].values >= 5.0  # they set off from rest
-    assert speed[late].min() >= 1.0
-    assert np.linalg.norm((position[:, 0] - position[:, 1])[:, :2], axis=1).min() >= 10.0
-
-
-def test_the_team_is_tied_together_and_sees_little() -> None:
-    team = load_scenario("harbour").system.team
-    kinds = {agent.id: agent.dimension for agent in team.agents}
-    across = [e for e in team.communication if kinds[e.tail] != kinds[e.head]]
-    assert len(across) >= 2
-    for edge in across:
-        np.testing.assert_array_equal(edge.weight, np.eye(2))
-    seers = {e.tail for e in team.sensing}
-    assert all(sum(kinds[a] == n for a in seers) <= 2 for n in (2, 3))
-    assert len(load_scenario("harbour").agents) == 8
-    vehicles = [a.vehicle for a in load_scenario("harbour").agents]
-    assert vehicles == ["hexarotor"] * 4 + ["wamv"] * 4
 
 
 def test_the_gate_is_narrower_than_the_formation() -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 
 from mjsheaf import Sheaf
-from mjsheaf.errors import InputError, SheafError
+from mjsheaf.errors import SheafError
 from tests.strategies import EdgeSpec, SheafSpec, sheaves
 
 Build = Callable[[Sheaf], Any]
@@ -197,10 +197,3 @@ def test_wrong_cochains_are_refused(x: Any, message: str) -> None:
     for use in (pair().pack, pair().dirichlet_energy, pair().nearest_global_section):
         with pytest.raises(SheafError, match=message):
             use(x)
-
-
-def test_errors_are_input_errors() -> None:
-    """Exit code 2 at the command line, ValueError in Python."""
-    assert issubclass(SheafError, InputError)
-    assert issubclass(SheafError, ValueError)
-    assert SheafError.exit_code == 2

@@ -9,7 +9,6 @@ import pytest
 from PIL import Image, ImageDraw
 
 from mjsheaf import medium, simulate
-from mjsheaf.errors import InputError
 from mjsheaf.results.store import open_dataset, write_dataset
 from mjsheaf.runs import simulate as running
 from mjsheaf.runs.simulate import stream
@@ -152,11 +151,6 @@ def test_vehicles_are_scaled_by_kind_and_by_id(named: dict[str, float]) -> None:
     ids = [*film.agent_ids, *film.target_ids]
     wanted = [named.get(name, named.get(kind, 2.5)) for name, kind in zip(ids, film.kinds, strict=True)]
     assert film.scales.tolist() == wanted
-
-
-def test_a_scale_for_nobody_is_refused() -> None:
-    with pytest.raises(InputError, match=r"scene.*vehicle_scales\.otters.*otter\b"):
-        load_scenario("otters", {"scene.vehicle_scales": {"otters": 2.0}})
 
 
 def test_arrows_show_the_medium() -> None:

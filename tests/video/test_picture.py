@@ -160,17 +160,6 @@ class TestWriting:
         untouched = [(write(film, VideoOptions())[:600, 400:] == 128).all() for film in (few, many)]  # above the bar
         assert untouched == [False, True]
 
-    def test_legend_has_a_row_for_each_thing_and_note(self) -> None:
-        film = make_film(make_model())
-
-        def count(film: Film, **options: Any) -> int:
-            return len(overlay(film, VideoOptions(**options)).rows)
-
-        plain = count(film)
-        assert count(film, speed=2.0) == plain + 1
-        assert count(change_film(film, edges=film.stages[0].edges[:2])) == plain - 1
-        assert count(replace(film, surface="none")) == plain - 1
-
     def test_the_curve_grows_with_time_and_ends_at_the_dot(self) -> None:
         """The error falls by a known factor: its curve is straight on the log scale. Oracle: that straight line."""
         film = make_film(make_model(), end=2.0)

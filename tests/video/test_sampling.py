@@ -103,11 +103,3 @@ class TestRunsThatBlewUp:
         np.testing.assert_array_equal(tame.positions[35, 2], positions[29, 2])
         assert np.isfinite(tame.quaternions).all()
         assert np.isfinite(frames.extent.followed(tame)).all()
-
-    def test_a_sane_film_stays_as_it_is(self) -> None:
-        film = make_film(make_model())
-        frames = Frames(film, VideoOptions(fps=20))
-        tame = frames.chunk(0)
-        np.testing.assert_array_equal(tame.positions, film.run.at(frames.times).positions)
-        everything = np.concatenate([tame.positions, tame.harmonic_extension], axis=1)
-        np.testing.assert_array_equal(frames.extent.followed(tame), everything)
