@@ -107,17 +107,15 @@ def test_vehicles_without_a_disturbance_have_none_and_change_no_other() -> None:
     assert varying.evaluate(varying.draw([None], [2], ["A"], 0), np.zeros(4)).shape == (4, 1, 3)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "field"),
-    [
-        ({"bound": -1.0}, "bound"),
-        ({"bound": float("nan")}, "bound"),
-        ({"bound": "1"}, "bound"),
-        ({"bound": 1.0, "frequencies": (0.0, 1.0)}, "frequencies.0"),
-        ({"bound": 1.0, "frequencies": (2.0, 1.0)}, "lowest <= highest frequency"),
-        ({"bound": 1.0, "components": 0}, "components"),
-    ],
-)
-def test_wrong_disturbances_are_refused(wrong: dict[str, Any], field: str) -> None:
-    with pytest.raises(InputError, match=f"Disturbance: .*{field}"):
-        Disturbance(**wrong)
+WRONG: list[tuple[str, Any, str]] = [
+    *(("bound", value, "bound") for value in (-1.0, float("nan"), "1")),
+    ("frequencies", (0.0, 1.0), "frequencies.0"),
+    ("frequencies", (2.0, 1.0), "lowest <= highest frequency"),
+    ("components", 0, "components"),
+]
+
+
+@pytest.mark.parametrize(("field", "value", "words"), WRONG)
+def test_wrong_disturbances_are_refused(field: str, value: Any, words: str) -> None:
+    with pytest.raises(InputError, match=f"Disturbance: .*{words}"):
+        Disturbance(**{"bound": 1.0, field: value})

@@ -25,7 +25,6 @@ SAME = [
     "communication: [[Q1, O1], [O1, Q1]]",
     "communication: [{between: [Q1, O1], offset: [1, 0]}, {between: [O1, Q1], offset: [-1, 0]}]",
     "communication: [[Q1, O1], {between: [O1, Q1], map: {tail: [[1, 0], [0, 1]], head: [[1, 0, 0], [0, 1, 0]]}}]",
-    "communication: [[Q1, O1], {between: [Q1, O1], weight: 1}]",
     "sensing: [[Q1, T], [O1, T], [Q1, T]]",
     "target_edges: [[S, T], [T, S]]",
     "anchors: [{agent: Q1, axes: [z], value: [3]}, {agent: Q1, axes: [z], value: [3]}]",

@@ -63,9 +63,7 @@ def test_what_python_gives_is_what_a_file_gives(
 @pytest.mark.parametrize(
     ("make", "field"),
     [
-        (lambda: Disturbance(bound="1"), "Disturbance: bound"),  # type: ignore[arg-type]
         (lambda: Disturbance(bound=True), "Disturbance: bound"),
-        (lambda: Disturbance(bound=np.nan), "Disturbance: bound"),
         (lambda: Disturbance(bund=1), "Disturbance: bund: unknown field"),  # type: ignore[call-arg]
         (lambda: LinearEdge(between=["A", "B"], map={"tail": [[1]]}), "LinearEdge: map.head"),  # type: ignore[arg-type]
         (lambda: Waypoints(points=[[1, 2], [3]], speed=1), "Waypoints: points.1"),
