@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 import mjsheaf
 from mjsheaf.envs import dm_env, env, parallel_env, vector_env
@@ -25,7 +24,6 @@ Places = list[Any]
 
 @mjsheaf.register(parameters=["gain"], memory=4)
 def leaky(residual: Any, command: Any, memory: Any, parameters: Any, period: float) -> None:
-    """Count, and integrate."""
     memory[3] += 1.0
     for i in range(3):
         memory[i] += period * residual[i]
@@ -53,13 +51,15 @@ def positions(session: Session) -> Places:
     return session.engine.positions().tolist()
 
 
+def last(run: Any) -> Places:
+    return np.nan_to_num(np.concatenate([run.agent_position.values[-1], run.target_position.values[-1]])).tolist()
+
+
 def faces(backend: str, engine: str) -> Iterator[tuple[str, Places]]:
     """Yield the positions of all vehicles at the end of the run, by each way to get there."""
-    whole = mjsheaf.simulate(scenario(), backend, engine=engine, threads=1, progress=False)
-    last = np.concatenate([whole.agent_position.values[-1], whole.target_position.values[-1]])
-    yield "simulate", np.nan_to_num(last).tolist()
-    stepped = Session(scenario(), backend, engine=engine)
-    watched = Session(scenario(), backend, engine=engine)
+    given: dict[str, Any] = {"engine": engine, "progress": False}
+    yield "simulate", last(mjsheaf.simulate(scenario(), backend, threads=1, **given))
+    stepped, watched, pieces, live = (Session(scenario(), backend, engine=engine) for _ in range(4))
     for _ in range(PERIODS):
         stepped.step()
         watched.observe()
@@ -67,10 +67,8 @@ def faces(backend: str, engine: str) -> Iterator[tuple[str, Places]]:
         watched.step()
     yield "Session", positions(stepped)
     yield "observed", positions(watched)
-    pieces = Session(scenario(), backend, engine=engine)
     *_, piece = make_datasets(pieces.engine.record(4), backend, 0)
-    yield "record", np.nan_to_num(np.concatenate([piece.agent_position[-1], piece.target_position[-1]])).tolist()
-    live = Session(scenario(), backend, engine=engine)
+    yield "record", last(piece)
     recorder = Recorder(live)
     recorder.record(2)
     if isinstance(live.engine, ClosedLoop):
@@ -78,33 +76,26 @@ def faces(backend: str, engine: str) -> Iterator[tuple[str, Places]]:
     recorder.do({"gain": live.scenario.controller.gain})  # an event that changes nothing
     recorder.record(PERIODS)
     yield "live", positions(live)
-    (many,) = mjsheaf.simulate_many([scenario()], backend, engine=engine, progress=False)
-    assert isinstance(many, xr.Dataset)
-    yield "simulate_many", np.nan_to_num(np.concatenate([many.agent_position[-1], many.target_position[-1]])).tolist()
+    (many,) = mjsheaf.simulate_many([scenario()], backend, **given)
+    yield "simulate_many", last(many)
     if backend == "ideal":
         return
     alone: Any = env(scenario(), engine=engine)
-    alone.reset()
     each: Any = parallel_env(scenario(), engine=engine)
-    each.reset()
-    suite: Any = dm_env(scenario()) if engine == "mujoco" else None
-    together: Any = vector_env(scenario(), 2) if engine == "fused" else None
-    for one in (suite, together):
-        if one is not None:
-            one.reset()
+    suite: Any = dm_env(scenario()) if engine == "mujoco" else vector_env(scenario(), 2)
+    for one in (alone, each, suite):
+        one.reset()
     for _ in range(PERIODS):
         alone.step(np.zeros(alone.action_space.shape))
         each.step({agent: np.zeros(each.action_space(agent).shape) for agent in each.agents})
-        if suite is not None:
+        if engine == "mujoco":
             suite.step({name: np.zeros(spec.shape) for name, spec in suite.action_spec().items()})
-        if together is not None:
-            together.step(np.zeros(together.action_space.shape))
+        else:
+            suite.step(np.zeros(suite.action_space.shape))
     yield "env", positions(alone.unwrapped.episode.session)
     yield "parallel_env", positions(each.unwrapped.episode.session)
-    if suite is not None:
-        yield "dm_env", positions(suite.task.episode.session)
-    if together is not None:
-        yield "vector_env", positions(together.envs[0].episode.session)
+    owner = suite.task if engine == "mujoco" else suite.envs[0]
+    yield "dm_env or vector_env", positions(owner.episode.session)
 
 
 if __name__ == "__main__":

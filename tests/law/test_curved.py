@@ -98,7 +98,6 @@ def test_the_continuous_bearing_law_keeps_its_size_over_100_000_samples() -> Non
 
 
 def test_directed_edges_move_their_tails_alone() -> None:
-    """The head of a directed edge does not move, to the bit."""
     system = keeping("position", directed=True).system
     x = system.initial.copy()
     for tail, head in (("A", "B"), ("B", "C"), ("C", "A")):

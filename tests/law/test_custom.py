@@ -78,7 +78,6 @@ def test_a_term_along_eta_is_a_larger_gain(file: Path) -> None:
 
 @pytest.mark.long
 def test_what_a_term_remembers(file: Path) -> None:
-    """The shipped integral, written as a user would write it; `check` says the same of both, delays included."""
     own = with_term(file, "summed", {"gain": 0.2})
     shipped = mjsheaf.load_scenario("midpoint", {"time.end": 1.0, "controller.integral": {"gain": 0.2}})
     one, other = (mjsheaf.simulate(scenario, backend="ideal") for scenario in (own, shipped))

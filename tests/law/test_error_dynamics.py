@@ -47,7 +47,6 @@ def test_the_error_obeys_the_papers_equation() -> None:
         return team.pack(x)[:n], team.pack(x)[n:]
 
     def flows(q: Array, p: Array) -> tuple[Array, Array]:
-        """f_q at q, and the flow at p."""
         x = team.unpack(np.concatenate([q, p]))
         return split(np.array([system.flows[system.field[v]].velocity(x[v]) for v in range(len(x))]))
 

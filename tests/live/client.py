@@ -11,7 +11,6 @@ from websockets.sync.client import ClientConnection, connect
 
 
 def token_of(url: str) -> str:
-    """The token in the address of a page."""
     return parse_qs(urlsplit(url).query)["token"][0]
 
 
@@ -31,7 +30,6 @@ def get(url: str, path: str | None = None, **headers: str) -> tuple[int, dict[st
 def joined(
     url: str, *, origin: str | None = "own", token: str | None = "own", **options: Any
 ) -> Iterator[ClientConnection]:
-    """The websocket of a page."""
     address = urlsplit(url)
     query = f"?token={token_of(url) if token == 'own' else token}" if token is not None else ""
     given = f"http://{address.netloc}" if origin == "own" else origin

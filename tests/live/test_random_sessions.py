@@ -44,7 +44,6 @@ NAMES = ("agent_position", "target_position", "disagreement", "tracking_error", 
 
 
 def shortened(name: str) -> Scenario:
-    """Return a scenario over PERIODS control periods, for any engine."""
     base, overrides = SCENARIOS[name]
     overrides = {"physics.contacts": False, **overrides}
     grid = load_scenario(base, overrides).whole.grid

@@ -19,7 +19,6 @@ PAGE = b"<html>page</html>"
 
 @pytest.fixture
 def server() -> Iterator[Server]:
-    """A server whose pages are made as soon as they are asked for."""
     made = Server()
     ended = threading.Event()
 

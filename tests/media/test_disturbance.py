@@ -26,7 +26,6 @@ dimensions = st.lists(st.sampled_from([2, 3]), min_size=1, max_size=4)
 
 
 def ids(vehicles: Sequence[Any]) -> list[str]:
-    """Names for some vehicles."""
     return [f"V{k}" for k in range(len(vehicles))]
 
 
@@ -95,16 +94,6 @@ def test_the_sine_of_the_loops_is_the_sine(most: float) -> None:
     pi = 4.0 * np.arctan(np.longdouble(1.0))
     np.testing.assert_allclose(found, np.sin(2.0 * pi * (x - np.rint(x))), rtol=0, atol=2.3e-16)
     np.testing.assert_array_equal(np.abs(found) <= 1.0, True)
-
-
-def test_vehicles_without_a_disturbance_have_none_and_change_no_other() -> None:
-    kind = Disturbance(bound=1.0, components=3)
-    alone = varying.draw([kind], [3], ["A"], 5)
-    among = varying.draw([None, kind, Disturbance(bound=0.0)], [2, 3, 3], ["B", "A", "C"], 5)
-    np.testing.assert_array_equal(among[1], alone[0])
-    omega = varying.evaluate(among, np.linspace(0, 9, 10))
-    np.testing.assert_array_equal(omega[:, [0, 2]], 0.0)
-    assert varying.evaluate(varying.draw([None], [2], ["A"], 0), np.zeros(4)).shape == (4, 1, 3)
 
 
 WRONG: list[tuple[str, Any, str]] = [

@@ -59,7 +59,6 @@ class Stirred(FlowField):
 
 @pytest.fixture
 def system() -> System:
-    """A team in a current and in the vortex."""
     own = load_scenario("steady_current", {"time.end": 0.5}).system
     stirred = Stirred(dimension=2, drift=[0.4, 0.3], eddy=Eddy(rate=0.3, radius=9.0))
     return replace(own, flows=[stirred, *own.flows[1:]])

@@ -44,17 +44,14 @@ class File:
         return self
 
     def flow(self, **attrs: Any) -> "File":
-        """Set attributes of both velocities."""
         return self.set("uo", **attrs).set("vo", **attrs)
 
     def values(self, change: Callable[[Any], Any], dims: tuple[str, ...] | None = None) -> "File":
-        """Change the values of both velocities."""
         for name in ("uo", "vo"):
             self.set(name, change(self.variables[name][1]), dims)
         return self
 
     def drop(self, *names: str) -> "File":
-        """Remove variables."""
         for name in names:
             del self.variables[name]
         return self
@@ -78,7 +75,6 @@ class File:
 
 
 def current() -> File:
-    """Return a file of a uniform current."""
     dims = ("time", "lat", "lon")
     shape = (3, 4, 5)
     file = File()
@@ -91,7 +87,6 @@ def current() -> File:
 
 
 def wind() -> File:
-    """Return a file of a uniform wind."""
     file = current()
     return file.set("uo", standard_name="eastward_wind").set("vo", standard_name="northward_wind")
 
@@ -730,12 +725,10 @@ def curvilinear(**attrs: Any) -> File:
 
 
 def timed(*values: Any) -> File:
-    """Return a file with these times."""
     return current().set("time", np.array(values))
 
 
 def unlike(name: str) -> File:
-    """Return a file of which one component has no times."""
     file = current()
     return file.set(name, file.variables[name][1][0], ("lat", "lon"))
 

@@ -20,7 +20,6 @@ ORIGIN = [double_gyre.LATITUDE, double_gyre.LONGITUDE]
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a file of the double gyre."""
     path = tmp_path_factory.mktemp("flow") / "gyre.nc"
     double_gyre.write(path, 20, 41, 400.0)
     return path

@@ -24,13 +24,11 @@ FIXED = {"kind": "dryden", "wind_speed": 15.0, "altitude": 10.0}
 
 
 def gusty(gusts: dict[str, Any], **fields: Any) -> Scenario:
-    """Return the mixed team in gusts of the air."""
     flow = {"air": {"dimension": 3, "drift": DRIFT, "gusts": {**FIXED, **gusts}}}
     return mixed_scenario(**{"time": {"end": 0.4}, "flow": flow, **fields})
 
 
 def aloft(scenario: Scenario) -> list[str]:
-    """Return the ids of the vehicles in space."""
     return [member.id for member in scenario.team.members if member.dimension == 3]
 
 

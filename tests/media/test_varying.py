@@ -18,7 +18,6 @@ STILL = [-2.0, 1.0, 0.0]
 
 
 def water(**fields: Any) -> Scenario:
-    """Return the mixed team on water with these fields."""
     return mixed_scenario(flow={"water": {"dimension": 2, "core": 0.7, **fields}}, time={"end": 0.4})
 
 

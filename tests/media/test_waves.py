@@ -19,7 +19,6 @@ JONSWAP = {"kind": "jonswap", "significant_height": 2.0, "peak_period": 8.0, "ga
 
 
 def sea(waves: dict[str, Any], **fields: Any) -> Scenario:
-    """Return the mixed team on a sea."""
     flow = {"water": {"dimension": 2, "waves": waves}}
     return mixed_scenario(**{"time": {"end": 0.4}, "flow": flow, **fields})
 

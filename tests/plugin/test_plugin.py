@@ -70,53 +70,36 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return pytest_of_user
 
 
-@pytest.fixture(scope="module")
-def told(run: Run) -> str:
-    """Return the output of pytest for all the files at once."""
+VERDICTS = """\
+PASSED met.yaml::ideal met.yaml::physics own.yaml::ideal refused.yaml::refused test_other.py::test_something
+FAILED missed.yaml::ideal unstable.yml::ideal ran.yaml::refused drifts.yaml::ideal none.yaml::ideal
+FAILED broken.yaml::load garbage.yaml::load lost.yaml::physics
+SKIPPED silent.yaml::expect empty.yaml::expect
+"""
+REASONS = """\
+tracking_error          <= 0.5      0.6079  21.6 % above
+watch it: mjsheaf run scenarios/missed.yaml --backend ideal
+it ran, expected a refusal that says 'A is free along z'
+broken.yaml: controller.gian: unknown field; expected
+garbage.yaml: line 8
+scenarios/lost.yaml on physics: cannot be simulated: agents.A.vehicle:
+there is no 'none' in it
+no `expect:` block; mjsheaf expect silent.yaml --update writes one
+"""
+
+
+def test_each_scenario_and_backend_is_a_test_that_says_what_is_wrong(run: Run) -> None:
+    """In full in test_expecting.py; nothing else is collected."""
     code, told = run("--mjsheaf", "scenarios", "-v", "-rs", "-p", "no:cacheprovider", "--junitxml=report.xml")
     assert code == 1
-    return told
-
-
-@pytest.mark.parametrize(
-    ("verdict", "tests"),
-    [
-        (
-            "PASSED",
-            "met.yaml::ideal met.yaml::physics own.yaml::ideal refused.yaml::refused test_other.py::test_something",
-        ),
-        ("FAILED", "missed.yaml::ideal unstable.yml::ideal ran.yaml::refused drifts.yaml::ideal none.yaml::ideal"),
-        ("FAILED", "broken.yaml::load garbage.yaml::load lost.yaml::physics"),
-        ("SKIPPED", "silent.yaml::expect empty.yaml::expect"),
-    ],
-)
-def test_each_scenario_and_backend_is_a_test(verdict: str, tests: str, told: str) -> None:
-    assert all(f"scenarios/{test} {verdict}" in told for test in tests.split())
-
-
-def test_nothing_else_is_collected(told: str) -> None:
+    for verdict, *tests in map(str.split, VERDICTS.splitlines()):
+        for test in tests:
+            assert f"scenarios/{test} {verdict}" in told
     assert "8 failed, 5 passed, 2 skipped" in told
-    for other in ("others.yaml", "odd.yaml", "vehicle.yaml", "run/scenario.yaml"):
+    for other in ("others.yaml", "odd.yaml", "vehicle.yaml", "run/scenario.yaml", "Traceback"):
         assert other not in told
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        "tracking_error          <= 0.5      0.6079  21.6 % above",
-        "watch it: mjsheaf run scenarios/missed.yaml --backend ideal",
-        "it ran, expected a refusal that says 'A is free along z'",
-        "broken.yaml: controller.gian: unknown field; expected",
-        "garbage.yaml: line 8",
-        "scenarios/lost.yaml on physics: cannot be simulated: agents.A.vehicle: ",
-        "there is no 'none' in it",
-        "no `expect:` block; mjsheaf expect silent.yaml --update writes one",
-    ],
-)
-def test_what_is_wrong_is_said(words: str, told: str) -> None:
-    """In full in test_expecting.py."""
-    assert words in told
-    assert "Traceback" not in told
+    for words in REASONS.splitlines():
+        assert words in told
 
 
 @pytest.mark.long
@@ -166,7 +149,6 @@ def test_bounds_may_have_to_be_tight(run: Run) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("option", ["--controller", "--mjsheaf-controller"])
 def test_the_law_of_the_command_line_replaces_it(run: Run, option: str) -> None:
-    """The law that stays where it is leaves an error of 5 m."""
     code, told = run("--mjsheaf", "scenarios/met.yaml::ideal", option, "scenarios/still.py:still", "-v")
     assert code == 1
     assert "met.yaml::ideal FAILED" in told

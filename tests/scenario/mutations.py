@@ -101,8 +101,6 @@ def load_or_refuse(data: bytes, folder: Path) -> None:
 
 @contextmanager
 def in_time() -> Iterator[None]:
-    """Fail what hangs."""
-
     def late(number: int, frame: FrameType | None) -> None:
         raise TimeoutError(f"took more than {LONGEST} s")
 
@@ -160,7 +158,6 @@ def mutated_tree(draw: st.DrawFn, whole: Tree) -> bytes:
 
 @st.composite
 def mutated_text(draw: st.DrawFn, data: bytes) -> bytes:
-    """Bytes mutated in one to three places."""
     for _ in range(draw(st.sampled_from([1, 1, 2, 3]))):
         at = draw(st.integers(0, len(data)))
         kind = draw(
@@ -242,7 +239,6 @@ _OPERATIONS = [*[_replace] * 4, *[_scale] * 6, _delete, _rename, _add, _double, 
 
 
 def _written(value: Any) -> str:
-    """YAML in braces."""
     if isinstance(value, dict | Pairs):
         pairs = value.items() if isinstance(value, dict) else value
         return "{" + ", ".join(f"{_written(str(k))}: {_written(v)}" for k, v in pairs) + "}"

@@ -4,7 +4,6 @@ Oracle: counts of the calls that build and compile, by what they are called with
 """
 
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ import mjsheaf.vehicles.loading as loading
 from mjsheaf.files import dump_yaml
 from mjsheaf.scenario import Scenario, load_scenario
 from mjsheaf.studies.workers import run_job
-from mjsheaf.vehicles.effects import Effects
 from tests.builders import make_fields, small_plan
 from tests.commands import call
 
@@ -93,12 +91,3 @@ def test_a_job_of_a_study_does(counts: Counter[str]) -> None:
     assert run_job(job).record["status"] == "finished"
     assert counts["team"] == 1
     assert set(counts.values()) == {1}
-
-
-def test_seeds_share_their_vehicles_and_other_effects_do_not() -> None:
-    scenario = load_scenario("paper")
-    first, other = scenario.system, scenario.with_seed(7).system
-    assert first is not other
-    assert all(one is another for one, another in zip(first.vehicles, other.vehicles, strict=True))
-    free = replace(first, bodies=replace(first.bodies, effects=Effects(limits=False)))
-    assert not any(vehicle in first.vehicles for vehicle in free.vehicles)

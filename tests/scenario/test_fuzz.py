@@ -32,7 +32,6 @@ VEHICLES = 250
 
 
 def texts(name: str) -> st.SearchStrategy[bytes]:
-    """The file of a scenario with its bytes mutated."""
     return mutated_text(list_scenarios()[name].read_bytes())
 
 

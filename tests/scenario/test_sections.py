@@ -3,7 +3,6 @@
 Oracle: the same section read from plain values, as YAML gives them.
 """
 
-import pickle
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from mjsheaf.errors import InputError
 from mjsheaf.law.paths import Lissajous, Waypoints
 from mjsheaf.media.flow import FlowField, Source
 from mjsheaf.media.varying import Disturbance
-from mjsheaf.scenario import load_scenario
 from mjsheaf.scenario.scenario import Agent
 from mjsheaf.section import Section
 from mjsheaf.team import LinearEdge
@@ -73,16 +71,3 @@ def test_what_python_gives_is_what_a_file_gives(
 def test_what_a_file_may_not_hold_python_may_not_give(make: Any, field: str) -> None:
     with pytest.raises(InputError, match=field):
         make()
-
-
-def test_cached_properties_are_one_object_s_own() -> None:
-    scenario = load_scenario("paper")
-    field = scenario.flow.agents
-    assert field is not None
-    table, system = field.table, scenario.system
-    assert pickle.loads(pickle.dumps(scenario)) == scenario
-    assert len(pickle.dumps(scenario)) < 20_000  # without its system
-    other = field.model_copy(update={"core": 9.0})
-    assert (other.table != table).any()
-    assert field.model_copy() == field
-    assert scenario.system is system

@@ -10,22 +10,10 @@ import pytest
 import xarray as xr
 
 from mjsheaf import check, load_scenario, simulate
-from mjsheaf.results.metrics import late_errors, summarize
+from mjsheaf.results.metrics import late_errors
 from mjsheaf.scenario import Scenario
 from tests.builders import REPOSITORY, Simulated
 from tests.test_claims import agrees
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("group", "formation"), [("air", 0.5), ("water", 1.5)])
-def test_groups_do_on_bodies_nearly_what_they_do_ideally(group: str, formation: float, simulated: Simulated) -> None:
-    team = load_scenario("harbour").system.team
-    ideal, bodies = (
-        summarize(team, simulated("harbour", backend))["groups"][group] for backend in ("ideal", "physics")
-    )
-    assert bodies["tracking_error"] <= 1.15 * ideal["tracking_error"] + 0.3
-    assert bodies["formation_error"] <= ideal["formation_error"] + formation
-
 
 BEFORE, JUMP = 15.0, 5.0  # s
 LINKS = load_scenario("noisy_harbour").links.model_dump(mode="json", exclude_none=True)

@@ -22,14 +22,12 @@ FIELDS = ("tail", "head", "F_tail", "F_head", "b", "K")
 
 
 def pair() -> Sheaf:
-    """A sheaf with one edge: a in R^2, b in R^3, c in R^2."""
     sheaf = Sheaf({"a": 2, "b": 3, "c": 2})
     sheaf.add_edge("a", "b", I2, FLAT, offset=[1.0, 2.0], weight=2.0)
     return sheaf
 
 
 def columns(edges: Iterable[EdgeSpec]) -> tuple[tuple[Any, ...], dict[str, Any]]:
-    """Arguments that add edges in bulk."""
     tails, heads, F_tails, F_heads, b, K = ([getattr(e, name) for e in edges] for name in FIELDS)
     return (tails, heads, F_tails, F_heads), {"offset": b, "weight": K}
 
@@ -129,7 +127,6 @@ REFUSED: list[tuple[Build, str]] = [
     (lambda s: s.add_edge("a", "x", I2, I2), r"unknown vertex 'x'; the vertices are 'a', 'b', 'c'"),
     (lambda s: s.add_edges(UNHASHABLE, "a", [I2], [I2]), r"unknown vertex \['b'\]; the vertices are 'a', 'b', 'c'"),
     (lambda s: s.add_edge("a", "a", I2, I2), r"edge \('a', 'a'\) is a loop; its ends must differ"),
-    (lambda s: s.add_edges("ca", "aa", [I2, I2], [I2, I2]), r"edge \('a', 'a'\) is a loop"),
     (
         lambda s: s.add_edge("a", "b", I2, I2),
         r"edge \('a', 'b'\): the map of head 'b' has shape \(2, 2\), but the stalk has dimension 3; expected \(m, 3\)",
@@ -139,10 +136,8 @@ REFUSED: list[tuple[Build, str]] = [
     (lambda s: s.add_edge("a", "c", [1.0, 0.0], I2), r"maps of the tails have shape \(1, 2\); expected \(1, m, n\)"),
     (lambda s: s.add_edges("ac", "ca", [I2], [I2]), r"maps of the tails have shape \(1, 2, 2\); expected \(2, m, n\)"),
     (lambda s: s.add_edges("ac", "c", [I2, I2], [I2, I2]), r"2 tails but 1 heads"),
-    (lambda s: s.add_edge("a", "c", I2 * np.nan, I2), r"edge \('a', 'c'\): an entry is not finite"),
     (lambda s: s.add_edge("a", "c", I2, I2, weight=np.nan), r"an entry is not finite"),
     (lambda s: s.add_edge("a", "c", [[1, 2], [3]], I2), r"not an array of numbers of equal row lengths"),
-    (lambda s: s.add_edge("a", "c", "map", I2), r"not an array of numbers"),
     (lambda s: s.add_edge("a", "c", I2, I2, offset=[1.0]), r"offset has shape \(1, 1\); expected \(1, 2\)"),
     (lambda s: s.add_edge("a", "c", I2, I2, weight=np.eye(3)), r"weight has shape \(1, 3, 3\); expected \(1, 2, 2\)"),
     (lambda s: s.add_edge("a", "c", I2, I2, weight=0.0), r"weight is not symmetric positive definite"),
@@ -152,11 +147,7 @@ REFUSED: list[tuple[Build, str]] = [
     (lambda s: s.add_edges("ac", "ca", [I2, I2], [I2, I2 * np.inf]), r"edge \('c', 'a'\): F_head: an entry is not"),
     (lambda s: s.add_mixed_edges("ac", "ca", [I2], [I2, I2]), r"2 tails: each edge needs a head and two maps"),
     (lambda s: s.add_mixed_edges("ab", "ba", [I2, FLAT], [FLAT, FLAT]), r"edge \('b', 'a'\): the map of head 'a'"),
-    (lambda s: s.add_mixed_edges("ax", "ba", [I2, I2], [FLAT, I2]), r"unknown vertex 'x'"),
-    (
-        lambda s: s.add_edges("ac", "ca", [I2, I2], [I2, I2], weight=[I2, -I2]),
-        r"edge \('c', 'a'\): the weight is not symmetric positive definite",
-    ),
+    (lambda s: s.add_edges("ac", "ca", [I2, I2], [I2, I2], weight=[I2, -I2]), r"edge \('c', 'a'\): the weight is not"),
 ]
 
 

@@ -26,7 +26,6 @@ Case = tuple[SheafSpec, list[Hashable], Array]
 
 @pytest.mark.parametrize(("a", "c"), [(0.0, 1.0), (-3.0, 8.0)])
 def test_the_agent_between_two_targets_goes_to_the_midpoint(a: float, c: float) -> None:
-    """The paper's P3."""
     sheaf = Sheaf(dict.fromkeys((1, 2, 3), 1))
     sheaf.add_edges([1, 2], [2, 3], np.ones((2, 1, 1)), np.ones((2, 1, 1)))
     extension = sheaf.harmonic_extension({1: a, 3: c})

@@ -157,14 +157,3 @@ def test_vertices_that_nothing_holds_stay_where_they_are(sparse_path: pytest.Mon
     extension = alone.harmonic_extension({0: [1.0, 2.0]})
     assert extension.null_basis.shape == (38, 38)
     np.testing.assert_array_equal(np.concatenate([extension.x[v] for v in range(1, 20)]), 0.0)
-
-
-def test_many_edges_on_few_vertices() -> None:
-    """A complete graph of 60 vertices: decomposed by columns, whatever the number of rows (5,310 here)."""
-    n = 60
-    tails, heads = np.triu_indices(n, 1)
-    maps = np.tile(np.eye(3), (len(tails), 1, 1))
-    complete = Sheaf(dict.fromkeys(range(n), 3))
-    complete.add_edges(tails.tolist(), heads.tolist(), maps, maps)
-    assert complete.betti() == (3, 3 * (len(tails) - n + 1))
-    assert complete.relative_sections([0]).shape[1] == 0

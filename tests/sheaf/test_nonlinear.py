@@ -102,7 +102,6 @@ def test_the_jacobian_sheaf_has_the_residuals_and_the_slope(seed: int) -> None:
     v = rng.normal(size=8)
 
     def measured(x: Any) -> NDArray[np.float64]:
-        """Return h of every edge."""
         return np.concatenate([desired_of(e.measures, z) for e, z in zip(sheaf.edges, sheaf.relative(x), strict=True)])
 
     slope = (measured(x + 1e-6 * v) - measured(x - 1e-6 * v)) / 2e-6

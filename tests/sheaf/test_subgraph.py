@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 
 
 def same_space(one: Array, other: Array) -> None:
-    """Two orthonormal bases span one space."""
     assert one.shape == other.shape
     np.testing.assert_allclose(one @ one.T, other @ other.T, atol=1e-10)
 

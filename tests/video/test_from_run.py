@@ -154,7 +154,6 @@ def test_vehicles_are_scaled_by_kind_and_by_id(named: dict[str, float]) -> None:
 
 
 def test_arrows_show_the_medium() -> None:
-    """Each points where the medium goes at its middle, at the height of those that meet it; the drifts are known."""
     film, _ = film_of(boat_and_drone(3.0, **WINDY), simulate(boat_and_drone(0.1, **WINDY), backend="ideal"))
     options = VideoOptions()
     frames = Frames(film, options)

@@ -136,8 +136,6 @@ def test_the_legend_is_always_there(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_slow_jet_stands_out_from_a_slower_drift() -> None:
-    """Arrows in a jet of 0.5 m/s are longer than those of a drift of 0.1 m/s, and of another colour."""
-
     def velocity(places: np.ndarray) -> np.ndarray:
         jet = np.abs(places[:, 1]) < 5.0
         return np.stack([np.where(jet, 0.5, 0.1), *np.zeros((2, len(places)))], axis=1)

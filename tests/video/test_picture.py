@@ -35,7 +35,6 @@ def count(lines: list[Lines]) -> int:
 
 
 def crowded(film: Film, agents: int, targets: int) -> Film:
-    """The five vehicles of a run, repeated."""
     run, every = samples_of(film), np.arange(agents + targets) % film.vehicles
     of_run = {name: getattr(run, name)[:, every] for name in ("positions", "quaternions")}
     of_film = {name: getattr(film, name)[every] for name in ("qpos_address", "body_id", "group", "scales")}

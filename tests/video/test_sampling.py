@@ -9,7 +9,6 @@ from tests.builders import change_film, make_film, make_model, make_run, samples
 
 
 def between(film: Poses, first: int) -> Poses:
-    """Halfway between a sample and the next."""
     return film.at(film.time[first : first + 2].mean(keepdims=True))
 
 

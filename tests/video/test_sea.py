@@ -20,7 +20,6 @@ WAVES = {"kind": "jonswap", "significant_height": 0.8, "peak_period": 4.0, "dire
 
 
 def afloat(**water: Any) -> Scenario:
-    """A boat on water, and a drone."""
     scene = {"surface": "water", "height": 1.5}
     video = {"width": 320, "height": 240, "elevation": -15}
     return boat_and_drone(1.0, flow={"water": {"dimension": 2, **water}}, scene=scene, video=video)
@@ -57,7 +56,6 @@ def test_water_without_waves_has_no_sea() -> None:
 
 @pytest.mark.long
 def test_frames_show_a_sea_that_moves() -> None:
-    """The water of two frames differs, where a level surface does not; vehicles stay in the picture."""
     scenario = afloat(waves=WAVES)
     data = simulate(scenario, backend="ideal")
     film, model = film_of(scenario, data)
