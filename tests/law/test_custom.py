@@ -58,19 +58,24 @@ def with_term(file: Path, name: str, values: dict[str, float], **changes: Any) -
     return mjsheaf.load_scenario("midpoint", {"time.end": 1.0, f"controller.custom.{name}": section, **changes})
 
 
+def require_alike(own: mjsheaf.Scenario, changes: dict[str, Any], *names: str) -> tuple[Any, Any]:
+    """Compare a scenario with the shipped law: runs, and what `check` says of both laws, delays included."""
+    shipped = mjsheaf.load_scenario("midpoint", {"time.end": 1.0, **changes})
+    one, other = (mjsheaf.simulate(scenario, backend="ideal") for scenario in (own, shipped))
+    np.testing.assert_allclose(one.agent_position, other.agent_position, rtol=0.0, atol=1e-12)
+    found, expected = mjsheaf.check(own, trial=False), mjsheaf.check(shipped, trial=False)
+    for name in names:
+        assert found["law"][name] == pytest.approx(expected["law"][name], rel=1e-9)
+    assert found["links"]["delay_margin"] == pytest.approx(expected["links"]["delay_margin"], rel=1e-12)
+    return found["law"], expected["law"]
+
+
 @pytest.mark.long
 def test_a_term_along_eta_is_a_larger_gain(file: Path) -> None:
     scenario = with_term(file, "steeper", {"gain": 0.7})
-    gain = scenario.controller.gain + 0.7
-    other = mjsheaf.load_scenario("midpoint", {"time.end": 1.0, "controller.gain": gain})
-    found = mjsheaf.simulate(scenario, backend="ideal")
-    expected = mjsheaf.simulate(other, backend="ideal")
-    np.testing.assert_allclose(found.agent_position, expected.agent_position, rtol=0.0, atol=1e-12)
-    answers = [mjsheaf.check(one, trial=False) for one in (scenario, other)]
-    record, plain = (answer["law"] for answer in answers)
-    assert answers[0]["links"]["delay_margin"] == pytest.approx(answers[1]["links"]["delay_margin"], rel=1e-12)
-    assert record["terms"] == ["steeper"]
+    record, plain = require_alike(scenario, {"controller.gain": scenario.controller.gain + 0.7})
     assert record["spectral_radius"] == pytest.approx(plain["spectral_radius"], rel=1e-12)
+    assert record["terms"] == ["steeper"]
     assert record["largest_gain"] == pytest.approx(plain["largest_gain"] - 0.7, rel=1e-9)
     assert record["radius"] is None
     assert "term steeper" in record["reason"]
@@ -78,14 +83,8 @@ def test_a_term_along_eta_is_a_larger_gain(file: Path) -> None:
 
 @pytest.mark.long
 def test_what_a_term_remembers(file: Path) -> None:
-    own = with_term(file, "summed", {"gain": 0.2})
-    shipped = mjsheaf.load_scenario("midpoint", {"time.end": 1.0, "controller.integral": {"gain": 0.2}})
-    one, other = (mjsheaf.simulate(scenario, backend="ideal") for scenario in (own, shipped))
-    np.testing.assert_allclose(one.agent_position, other.agent_position, rtol=0.0, atol=1e-12)
-    found, expected = mjsheaf.check(own, trial=False), mjsheaf.check(shipped, trial=False)
-    for name in ("spectral_radius", "rate", "largest_gain", "error_per_disturbance"):
-        assert found["law"][name] == pytest.approx(expected["law"][name], rel=1e-9)
-    assert found["links"]["delay_margin"] == pytest.approx(expected["links"]["delay_margin"], rel=1e-12)
+    names = ("spectral_radius", "rate", "largest_gain", "error_per_disturbance")
+    require_alike(with_term(file, "summed", {"gain": 0.2}), {"controller.integral": {"gain": 0.2}}, *names)
 
 
 def test_a_term_that_is_not_linear_is_undecided(file: Path) -> None:
@@ -303,17 +302,16 @@ def test_other_constants_are_another_term() -> None:
 
 @pytest.mark.long
 def test_events_keep_what_terms_remember_and_name_no_file(file: Path) -> None:
-    steeper: dict[str, Any] = {"time": 0.5, "set": {"controller.custom.steeper": {"parameters": {"gain": 0.0}}}}
-    scenario = with_term(file, "summed", {"gain": 5.0})
-    expected = mjsheaf.simulate(scenario, backend="ideal")
-    found = mjsheaf.simulate(with_term(file, "summed", {"gain": 5.0}, events=[steeper]), backend="ideal")
+    section: dict[str, Any] = {"parameters": {"gain": 0.0}}
+    events = [{"time": 0.5, "set": {"controller.custom.steeper": section}}]
+    plain, changed = (with_term(file, "summed", {"gain": 5.0}, events=each) for each in ([], events))
+    expected, found = (mjsheaf.simulate(scenario, backend="ideal") for scenario in (plain, changed))
     np.testing.assert_allclose(found.agent_position, expected.agent_position, rtol=0.0, atol=1e-12)
-    steeper["set"] = {"controller.custom.steeper": {"file": str(file), "parameters": {"gain": 0.0}}}
     elsewhere = file.with_name("elsewhere.py")
     elsewhere.write_text(SOURCE)
-    steeper["set"]["controller.custom.steeper"]["file"] = str(elsewhere)
+    section["file"] = str(elsewhere)
     with pytest.raises(InputError, match="cannot name a file"):
-        with_term(file, "summed", {"gain": 5.0}, events=[steeper])
+        with_term(file, "summed", {"gain": 5.0}, events=events)
 
 
 def test_a_run_can_be_repeated_from_its_directory(file: Path, tmp_path: Path) -> None:

@@ -5,14 +5,12 @@ recorded error by central differences of order four.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.media import varying
 from tests.builders import mixed_scenario
 from tests.oracles.law import velocity_commands
 from tests.running import run_ideal
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.005  # s
 TARGETS = {

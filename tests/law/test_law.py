@@ -8,18 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from mjsheaf import load_scenario
+from mjsheaf.arrays import Array
 from mjsheaf.law.law import disagreement, pack_law
 from mjsheaf.law.terms import limit_speed
 from mjsheaf.team import Edge, Member, Team
 from mjsheaf.team.edges import Explicit
 from tests.builders import FACTS
 from tests.oracles import law as oracle
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

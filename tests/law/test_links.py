@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
 import mjsheaf
 from mjsheaf import load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.law.edges import linked_edges
 from mjsheaf.law.in_python import PerAgent
@@ -35,7 +35,6 @@ from tests.builders import mixed_scenario, positions_of, team_of, two_boats
 from tests.oracles.law import PaperLaw, disagreement, measurement
 from tests.running import sample_law, walk
 
-Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")
 BURSTS = {"kind": "gilbert_elliott", "to_bad": 0.1, "to_good": 0.3, "loss_good": 0.05, "loss_bad": 0.9}
 RANGE_BEARING = {"kind": "range_bearing", "range_noise": 0.3, "bearing_noise": 4.0}

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.law import paths as motion
 from mjsheaf.law.paths import Lissajous, Motion, Waypoints
-
-Array = NDArray[np.float64]
 
 
 class Target:

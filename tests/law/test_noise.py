@@ -6,12 +6,11 @@ be, with bounds of five standard errors; the odometry that is drawn from them.
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import stats
 
+from mjsheaf.arrays import Array
 from mjsheaf.noise import normals, philox
 
-Array = NDArray[np.float64]
 ONES = 0xFFFFFFFF
 
 

@@ -12,14 +12,13 @@ import networkx as nx
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 
 from mjsheaf import World, load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.law.terms import contraction, solve
-from mjsheaf.loop.session import Session
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -27,7 +26,6 @@ from mjsheaf.team import Edge, Team
 from mjsheaf.vehicles.loading import load_vehicle
 from tests.builders import make_scenario, mixed_scenario, positions_of, pursuit, random_scenario
 
-Array = NDArray[np.float64]
 BACKENDS = ("ideal", "physics")
 FEEDFORWARD: dict[str, Any] = {"feedforward": {"rounds": 3}}
 NEWTON: dict[str, Any] = {"newton": {"rounds": 2}}
@@ -495,9 +493,6 @@ def test_free_directions_stay_where_they_are() -> None:
     assert data["disagreement"][-1].max() < 0.1 * data["disagreement"][0].max()
 
 
-# -- what agents sense of their targets --------------------------------------------------------------------------------
-
-
 # -- odometry ----------------------------------------------------------------------------------------------------------
 
 
@@ -593,15 +588,6 @@ def test_a_sample_that_is_taken_twice_counts_once() -> None:
         plain.step()
         np.testing.assert_array_equal(plain.command[:3], np.nan_to_num(recorded[k]))
         plain.step(9)
-
-
-def test_the_last_sample_of_a_run_is_the_same_when_it_is_taken_again() -> None:
-    """Also where the observer takes from the displacement what the command before explains."""
-    scenario = mixed_scenario(time={"end": 0.1}, controller={"gain": 8.0, "control_period": 0.01, **ALL})
-    engine = Session(scenario, "ideal").engine
-    (piece,) = engine.record(100)
-    for _ in range(2):
-        np.testing.assert_array_equal(engine.observe().command, piece.log.command[-1, :3])
 
 
 # -- what agents send --------------------------------------------------------------------------------------------------

@@ -142,9 +142,7 @@ def test_the_rest_of_a_file_stays_as_it_is(form: str) -> None:
     assert parse_yaml(edited, "file") == {**parse_yaml(text, "file"), "expect": EXPECT}
 
 
-@pytest.mark.parametrize(
-    "text", ["a: 1\n...\n", "a: 1\n---\nb: 2\n", "[1]\n", "", "a: [\n", '{"a": 1, "expect": {}}', "{}"]
-)
+@pytest.mark.parametrize("text", ["a: 1\n...\n", "a: 1\n---\nb: 2\n", "[1]\n", "", "a: [\n", "{}"])
 def test_what_cannot_be_edited_is_refused(text: str) -> None:
     with pytest.raises(ScenarioError, match=r"^file: "):
         with_field(text, "expect", EXPECT, "file")

@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from mjsheaf import Sheaf
+from mjsheaf.arrays import Array
 from mjsheaf.errors import SheafError
 from tests.builders import bundle_on_a_grid
 from tests.strategies import SheafSpec, exact_rank, sheaves
-
-Array = NDArray[np.float64]
 
 
 def same_space(one: Array, other: Array) -> None:

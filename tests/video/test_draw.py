@@ -9,8 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjsheaf.errors import MjsheafError
-from mjsheaf.video import gl
 from mjsheaf.video.draw import Painter, draw_video
 from mjsheaf.video.film import VideoOptions
 from mjsheaf.video.scene import Lines
@@ -97,11 +95,3 @@ class TestVideo:
             np.array(painter.draw(0)())
         np.testing.assert_array_equal(model.geom_size, before[0])
         assert (model.vis.map.zfar, model.vis.global_.offwidth) == before[1:]
-
-
-def test_no_backend(model: mujoco.MjModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MUJOCO_GL", "nonsense")
-    with pytest.raises(MjsheafError, match="MUJOCO_GL=nonsense"):
-        draw_video([(make_film(model), model)], tmp_path / "a.mp4", SMALL)
-    assert gl._first_that_works.cache_info().currsize
-    assert list(tmp_path.iterdir()) == []

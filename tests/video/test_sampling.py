@@ -45,17 +45,13 @@ def test_a_film_that_lasts_longer_than_its_run_stands_still() -> None:
         np.testing.assert_array_equal(frames.moment(number).positions, samples_of(film).positions[-1])
 
 
-def test_between_samples() -> None:
+def test_between_samples_at_samples_and_beyond() -> None:
     run = make_run()
     now = between(run, 7)
     np.testing.assert_allclose(now.positions[0], run.positions[7:9].mean(axis=0))
     np.testing.assert_allclose(now.harmonic_extension[0], run.harmonic_extension[7:9].mean(axis=0))
     np.testing.assert_allclose(np.linalg.norm(now.quaternions, axis=-1), 1.0)
     assert now.error[0] == pytest.approx(run.error[7:9].mean())
-
-
-def test_samples_themselves_and_beyond() -> None:
-    run = make_run()
     np.testing.assert_allclose(run.at(run.time).positions, run.positions)
     np.testing.assert_array_equal(run.at(np.array([-1.0, 99.0])).positions, run.positions[[0, -1]])
 
