@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.law.law import carry, edges_kept, evaluate_law, new_memory
+from mjsheaf.law.law import carry, evaluate_law, new_memory
 from mjsheaf.loop.system import Phase
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -81,8 +81,6 @@ def test_a_phase_with_another_delay_keeps_what_arrives_in_it(before: int, after:
     assert heard[:, -1].tolist() == [0] * before + [2] * (10 - before) + [0] * silent + [2] * (16 - silent)
     np.testing.assert_allclose(y[10 + silent :], true[10 + silent - after : len(true) - after], rtol=0, atol=1e-12)
 
-
-# -- feedforward and the other terms -----------------------------------------------------------------------------------
 
 TERMS: dict[str, Any] = {
     "feedforward": {"rounds": 2, "filter": 0.1, "extrapolate": True},
@@ -173,27 +171,6 @@ def test_only_agents_whose_edges_change_wait_before_they_extrapolate() -> None:
         if n == 13:
             np.testing.assert_allclose(memory.terms.rate[rows], now.law.edges.F_tail[rows] @ speed, rtol=0, atol=1e-9)
         x[4] += 0.05 * speed
-
-
-def test_edges_are_known_again_by_their_ends_and_maps() -> None:
-    """Parallel edges by their order; one with other maps, or of another size, is another edge."""
-    scenario = following([], {})
-    raw = scenario.model_dump(mode="json", exclude_none=True)
-    one_row = {"tail": [[1.0, 0.0]], "head": [[1.0, 0.0]]}
-    raw["communication"] = [["B1", "D0"], ["B0", "B1"], {"between": ["B0", "B1"], "map": one_row}]
-    raw["sensing"] = [
-        ["D0", "T0"],
-        {"between": ["B0", "T0"], "weight": 3.0},
-        {"between": ["Z9", "T0"], "offset": [1, 1]},
-    ]
-    new = load_scenario(raw).system.law.edges
-    old = scenario.system.law.edges
-    kept, rows = edges_kept(old, new)
-    assert kept.tolist() == [1, 0, -1, 2, 3, 4]
-    assert rows[new.first[1] : new.first[3]].tolist() == [0, 1, -1]
-    maps = {"tail": (2 * np.eye(3)).tolist(), "head": np.eye(3).tolist()}
-    turned = load_scenario(raw | {"sensing": [{"between": ["D0", "T0"], "map": maps}]})
-    assert edges_kept(old, turned.system.law.edges)[0].tolist() == [1, 0, -1, -1]
 
 
 def test_feedforward_that_begins_again_waits_before_it_extrapolates() -> None:

@@ -5,7 +5,6 @@ Oracles: the paper's law at another gain; the shipped integral; the same run wit
 
 import json
 import os
-import pickle
 import re
 import subprocess
 import sys
@@ -152,15 +151,6 @@ def test_names_of_shipped_terms_are_taken(name: str) -> None:
 def test_options_of_register(options: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="register: "):
         mjsheaf.register(**options)
-
-
-def test_the_cache_names_types_of_terms_that_are_not_registered_yet() -> None:
-    """The index of compiled functions is read with them in it, whatever a process registers."""
-    kind = custom.__getattr__("Term_elsewhere_0123456789abcdef")
-    assert pickle.loads(pickle.dumps(kind)) is kind
-    assert kind._fields == custom.TermOfLaw._fields
-    with pytest.raises(AttributeError):
-        custom.__getattr__("Term_elsewhere")
 
 
 @pytest.mark.long

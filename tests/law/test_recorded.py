@@ -111,9 +111,6 @@ def test_bounds_of_speed_hold_and_are_tight_where_pieces_are_cut(parts: int) -> 
         assert speed[0] < 3.8
 
 
-# -- the curve -----------------------------------------------------------------------------------------------------
-
-
 def off_track(t: Array, places: Array) -> Array:
     """How far the curve is off the straight lines between samples, at each of 2,000 times, m."""
     path = fit_curve(t, places).path

@@ -52,16 +52,6 @@ def test_any_field_is_the_sum_of_its_kernels(seed: int, dimension: int, of_point
     np.testing.assert_allclose(field.velocity(points), flow_velocity(field, points), rtol=1e-12, atol=1e-13)
 
 
-def test_a_planar_field_ignores_height_and_one_in_space_takes_planar_points_at_height_zero() -> None:
-    planar, spatial = (of_facts(FACTS[name]) for name in SETS)
-    points = np.random.default_rng(4).uniform(-5, 5, (50, 3))
-    w = planar.velocity(points)
-    np.testing.assert_array_equal(w[:, :2], planar.velocity(points[:, :2]))
-    np.testing.assert_array_equal(w[:, 2], 0.0)
-    at_zero = points * [1, 1, 0]
-    np.testing.assert_array_equal(spatial.velocity(points[:, :2]), spatial.velocity(at_zero)[:, :2])
-
-
 @pytest.mark.parametrize("name", SETS)
 @pytest.mark.parametrize("shape", [(), (4,), (2, 3), (2, 1, 3), (0,)])
 def test_many_points_at_once_are_the_points_one_by_one(name: str, shape: tuple[int, ...]) -> None:

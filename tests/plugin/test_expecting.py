@@ -37,9 +37,6 @@ physics: {timestep: 0.005}
 FOUND = 5.0 * (1.0 - 2.0 * 0.01) ** 100  # a held first-order loop: the error shrinks by 1 - k h each period
 
 
-# -- numbers ----------------------------------------------------------------------------------------------------------
-
-
 @examples(200)
 @given(st.floats(1e-12, 1e9))
 def test_rounding_goes_up_to_three_digits_and_no_further(value: float) -> None:
@@ -106,9 +103,6 @@ def test_a_refusal_is_met_missed_or_missing() -> None:
     assert "has no value" in told
 
 
-# -- files ------------------------------------------------------------------------------------------------------------
-
-
 EXPECT = {"ideal": {"tracking_error": 0.1}, "physics": {"tracking_error": 0.2}}
 IDEAL, PHYSICS = "ideal: {tracking_error: 0.1}", "physics: {tracking_error: 0.2}"
 LINES = f"\n  {IDEAL}\n  {PHYSICS}"
@@ -171,9 +165,6 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyt
     assert link.is_symlink()
     assert real.stat().st_mode & 0o777 == 0o640
     assert {p.name for p in tmp_path.iterdir()} == {"real.yaml", "link.yaml"}
-
-
-# -- the command ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow

@@ -48,9 +48,6 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1))
 
 
-# -- paths in a scenario -----------------------------------------------------------------------------------------------
-
-
 FIELDS = {
     "agents.0.vehicle": "agents: [{id: A1, position: [0, 0], vehicle: %s}]",
     "vehicles.agents": "vehicles: {agents: %s}",
@@ -116,8 +113,6 @@ def test_links_in_a_circle_are_refused(place: Path) -> None:
     with pytest.raises(ScenarioError, match=r"agents\.0\.vehicle|no path"):
         simulate(load_scenario(write(place, agents=agent("a.yaml"))))
 
-
-# -- paths in a vehicle's files ----------------------------------------------------------------------------------------
 
 ASSET = '<material name="livery"'
 OUTSIDE = {
@@ -231,9 +226,6 @@ def test_what_a_person_puts_among_a_run_s_vehicles_is_not_lost(place: Path, what
 def test_a_resolved_scenario_without_own_vehicles_has_no_folder(tmp_path: Path) -> None:
     write_scenario(load_scenario("midpoint"), tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["scenario.yaml"]
-
-
-# -- nothing is executed -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

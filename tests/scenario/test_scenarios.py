@@ -88,6 +88,17 @@ def test_seed_draws_places_headings_and_disturbances() -> None:
     assert np.abs(a.initial - plain.initial).max() <= 3.0
 
 
+def test_a_copy_with_changes_is_built_anew_and_an_equal_one_is_equal() -> None:
+    scenario = load_scenario("midpoint", {"spread.position": 1.0})
+    other = scenario.model_copy(update={"seed": 7})
+    assert other.system is not scenario.system
+    assert (other.system.initial != scenario.system.initial).any()
+    assert other != scenario
+    again = Scenario.model_validate(scenario.model_dump(mode="json"))
+    assert again == scenario
+    assert (again.system.initial == scenario.system.initial).all()
+
+
 def test_a_seed_that_changes_nothing_is_known() -> None:
     assert [load_scenario("paper").uses_seed(b) for b in BACKENDS] == [False, False]
     assert [load_scenario("paper", {"spread.heading": 10}).uses_seed(b) for b in BACKENDS] == [False, True]

@@ -93,15 +93,3 @@ def test_the_swarm_is_carried_off_in_the_shadow_and_comes_back(backend: str, sim
     assert back < 1.1 * before
     silent = 1.0 - float(data["delivery"].mean())  # ten of eleven in the shadow, a quarter of the run
     assert silent == pytest.approx(10 / 44, abs=0.01)
-
-
-def test_the_gate_is_narrower_than_the_formation() -> None:
-    scenario = load_scenario("narrow_gate")
-    assert scenario.safety is not None
-    towers = [obstacle.model_dump() for obstacle in scenario.safety.obstacles]
-    gap = abs(towers[0]["ends"][0][1] - towers[1]["ends"][0][1]) - 2 * towers[0]["radius"]
-    width = [
-        np.ptp([phase.system.team.displacement[agent][1] for agent in scenario.team.agent_ids])
-        for phase in scenario.phases
-    ]
-    assert width[0] > gap > width[2] + 2 * 4.2  # with the distance, and the margin of an Otter, on both sides

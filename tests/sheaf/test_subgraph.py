@@ -85,9 +85,6 @@ def test_what_is_no_subgraph_is_refused(vertices: list[Any], edges: list[Any] | 
         sheaf.local_sections(vertices, edges)
 
 
-# -- H^1 ---------------------------------------------------------------------------------------------------------------
-
-
 @given(sheaves())
 def test_a_basis_of_h1_is_orthonormal_and_complements_the_image(spec: SheafSpec) -> None:
     sheaf = spec.build()
