@@ -155,7 +155,6 @@ NEWTON = {"controller": {"newton": {"rounds": 2}}}
     [
         (one_edge(offset=[-1.0]), "communication.0: offset"),
         (one_edge(measures="bearing", offset=[1.0, 1.0]), "unit vector"),
-        (one_edge(measures="bearing", offset=[1.0]), "unit vector"),
         ({"formations": []}, "no range, as both ends have one place"),
         (one_edge(sensor=RANGE_BEARING), "range_bearing measures positions"),
         ({"links": {"all": {"sensor": RANGE_BEARING}}}, "measures positions"),

@@ -159,14 +159,10 @@ def test_several_targets_keep_their_own_references() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (
-            Lissajous(amplitude=[1, 2], rate=[1, 2, 3], phase=[0, 0, 0]),
-            "amplitude has 2 .*dimension 3",
-        ),
+        (Lissajous(amplitude=[1, 2], rate=[1, 2, 3], phase=[0, 0, 0]), "amplitude has 2 .*dimension 3"),
         (Lissajous(amplitude=[1, 2, 3], rate=[1, 2], phase=[0, 0, 0]), "lissajous rate has 2 entries"),
         (Waypoints(points=[[1, 2, 3], [4, 5]], speed=1.0), "waypoint 1 has 2 entries; the target has dimension 3"),
         (Waypoints(points=[[0, 0, 0]], speed=1.0), "waypoint 0 is where the target already is"),
-        (Waypoints(points=[[1, 0, 0], [1, 0, 0]], speed=1.0), "waypoint 1 is where the target already is"),
         (Waypoints(points=[[1, 0, 0], [0, 0, 0]], speed=1.0, closed=True), "waypoint 2 is where the target already is"),
     ],
 )

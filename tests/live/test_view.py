@@ -17,6 +17,7 @@ from mjsheaf.scenario import Scenario
 from tests.live.client import do, get, joined, next_state
 from tests.live.test_random_sessions import NAMES
 from tests.page.pages import positions_of, said_in, series_in
+from tests.strategies import slow
 
 
 class Watched:
@@ -68,17 +69,11 @@ def read_frame(message: bytes, said: dict[str, Any]) -> tuple[float, dict[str, A
     return float(np.frombuffer(message[:8], "<f8")[0]), found
 
 
-@pytest.mark.parametrize(
-    ("name", "backend", "overrides"),
-    [
-        ("paper", "ideal", {"time.end": 6.0}),
-        pytest.param("harbour", "physics", {"time.end": 4.0}, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("name", "backend", "end"), [("paper", "ideal", 6.0), slow("harbour", "physics", 4.0)])
 def test_the_recorded_scenario_repeats_the_session_to_the_bit(
-    name: str, backend: str, overrides: dict[str, Any], tmp_path: Path
+    name: str, backend: str, end: float, tmp_path: Path
 ) -> None:
-    scenario = load_scenario(name, overrides)
+    scenario = load_scenario(name, {"time.end": end})
     lost = scenario.team.agent_ids[0]
     frames = []
     with Watched(scenario, backend, speed=0.2) as run:  # which does not end before the session pauses

@@ -74,18 +74,6 @@ def test_an_event_gives_the_run_that_is_glued_from_two_systems(
     assert np.abs(by_event["positions"][-1] - still["positions"][-1]).max() > 1e-3
 
 
-def test_a_flow_by_medium_begins_where_there_was_none() -> None:
-    events = [{"time": TIME, "set": {"flow.water": {"dimension": 2, "drift": [1, 0]}}}]
-    scenario = mixed_scenario(time={"end": 0.4}, flow={}, events=events)
-    first, second = (phase.system for phase in scenario.phases)
-    assert second.flow_names == ("wind", "current") != first.flow_names
-    flow = simulate(scenario, "ideal")["agent_flow"].values
-    planar = np.array([len(agent.position) == 2 for agent in scenario.agents])
-    assert not np.nan_to_num(flow[:SAMPLE]).any()
-    np.testing.assert_array_equal(flow[SAMPLE:, planar, 0], 1.0)
-    assert not np.nan_to_num(flow[SAMPLE:, ~planar]).any()
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -15,7 +15,6 @@ from mjsheaf.media.varying import Disturbance
 from mjsheaf.scenario.scenario import Agent
 from mjsheaf.section import Section
 from mjsheaf.team import LinearEdge
-from mjsheaf.team.edges import Explicit
 
 PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
     (Agent, {"id": "A1", "position": np.array([1, 2])}, {"id": "A1", "position": [1.0, 2.0]}),
@@ -23,11 +22,6 @@ PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
         Lissajous,
         {"amplitude": (1, 2), "rate": np.ones(2), "phase": [0, np.float64(0.5)], "pull": np.int64(1)},
         {"kind": "lissajous", "amplitude": [1.0, 2.0], "rate": [1.0, 1.0], "phase": [0.0, 0.5], "pull": 1.0},
-    ),
-    (
-        Waypoints,
-        {"points": np.eye(2), "speed": np.float32(2.0)},
-        {"kind": "waypoints", "points": [[1.0, 0.0], [0.0, 1.0]], "speed": 2.0},
     ),
     (
         FlowField,
@@ -38,11 +32,6 @@ PAIRS: list[tuple[type[Section], dict[str, Any], dict[str, Any]]] = [
         LinearEdge,
         {"between": ("A", "B"), "weight": 2 * np.eye(2), "offset": np.zeros(2)},
         {"between": ["A", "B"], "weight": [[2.0, 0.0], [0.0, 2.0]], "offset": [0.0, 0.0]},
-    ),
-    (
-        Explicit,
-        {"name": "g", "members": ("A",), "displacements": np.zeros((1, 3))},
-        {"name": "g", "shape": "explicit", "members": ["A"], "displacements": [[0.0, 0.0, 0.0]]},
     ),
 ]
 

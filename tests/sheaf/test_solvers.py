@@ -56,7 +56,7 @@ def test_what_does_not_converge_is_said(monkeypatch: pytest.MonkeyPatch) -> None
         sheaf.harmonic_extension({0: [1.0, 2.0, 3.0]})
 
 
-def test_what_is_too_badly_conditioned_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_too_badly_conditioned_is_said() -> None:
     """Weights over 16 decades on more states than are decomposed densely."""
     n = 1500
     path = Sheaf(dict.fromkeys(range(n), 1))
