@@ -22,7 +22,6 @@ START = {"A": [0.05, 0.0], "B": [1.0, 0.04], "C": [0.47, 0.9]}
 
 
 def keeping(measures: str = "range", directed: bool = False, **fields: Any) -> Scenario:
-    """Three agents that keep a triangle of side 1; fields replace fields."""
     edges = [{"between": [*pair], "measures": measures, "directed": directed} for pair in ("AB", "BC", "CA")]
     shape = {"name": "f", "shape": "explicit", "members": [*PLACES], "displacements": [*PLACES.values()]}
     law = {"gain": 1.0, "control_period": 0.01}

@@ -112,7 +112,6 @@ def test_bounds_of_speed_hold_and_are_tight_where_pieces_are_cut(parts: int) -> 
 
 
 def off_track(t: Array, places: Array) -> Array:
-    """How far the curve is off the straight lines between samples, at each of 2,000 times, m."""
     path = fit_curve(t, places).path
     at = np.linspace(t[0], t[-1], 2001)
     lines = np.column_stack([np.interp(at, t, column) for column in places.T])

@@ -32,8 +32,6 @@ def rounds(scenario: Scenario, **fields: Any) -> Scenario:
 
 
 class Messages:
-    """Messages from one end of an edge to the other for one term, as in a textbook."""
-
     def __init__(self, delay: int) -> None:
         self.delay = delay
         self.sent: dict[int, Array] = {}

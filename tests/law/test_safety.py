@@ -45,7 +45,6 @@ def places_of(run: xr.Dataset) -> Array:
 
 
 def pairs_of(places: Array) -> Array:
-    """Distance of each pair, shape (T, P), m."""
     ends = np.array(list(combinations(range(places.shape[1]), 2)))
     return np.asarray(np.linalg.norm(places[:, ends[:, 0]] - places[:, ends[:, 1]], axis=2))
 
@@ -209,7 +208,6 @@ def test_order_of_agents_and_links_do_not_matter() -> None:
 
 
 def pulled(pull: float, hold: float, motion: dict[str, Any], drift: float, away: float = 0.0) -> Scenario:
-    """An agent that keeps away from one target, which begins off its path."""
     raw = swap(1)
     raw["controller"]["control_period"] = hold
     raw["targets"] = [{"id": "T", "position": [away, 0.0, 0.0], "motion": motion | {"pull": pull}}]
@@ -231,7 +229,6 @@ def held_speed(scenario: Scenario, end: float, medium: Callable[[int, Array], Ar
 
 
 def largest_speed_of(scenario: Scenario) -> float:
-    """Bound on the commanded speed of the target that the filter uses."""
     packed = scenario.system.control.law.safety
     return float(packed.pairing[1, 2] - packed.unsteady[1])
 

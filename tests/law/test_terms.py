@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mjsheaf import World, load_scenario, simulate
+from mjsheaf import load_scenario, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent
@@ -569,25 +569,6 @@ def test_drift_on_bodies_is_that_of_the_medium_about_them() -> None:
     wanted = -3.0 * np.nan_to_num(data["disagreement_vector"].values) - drift
     np.testing.assert_allclose(np.nan_to_num(data["velocity_command"].values), wanted, rtol=0, atol=1e-12)
     assert np.abs(drift).max() > 0.1
-
-
-def test_a_sample_that_is_taken_twice_counts_once() -> None:
-    """Reading the commands of a world at any time does not change its steps, also after a restart."""
-    odometry = {"odometry": {"noise": 1e-3}}
-    scenario = mixed_scenario(time={"end": 0.2}, controller={"gain": 8.0, "control_period": 0.01, **ALL, **odometry})
-    asked, plain = World(scenario), World(scenario)
-    for _ in range(50):
-        asked.close_loop()
-        asked.close_loop()
-        asked.step()
-    plain.step(50)
-    np.testing.assert_array_equal(asked.get_state(), plain.get_state())
-    recorded = simulate(scenario, "physics")["velocity_command"].values
-    plain.reset()
-    for k in range(20):
-        plain.step()
-        np.testing.assert_array_equal(plain.command[:3], np.nan_to_num(recorded[k]))
-        plain.step(9)
 
 
 # -- what agents send --------------------------------------------------------------------------------------------------

@@ -39,13 +39,11 @@ def joined(
 
 
 def do(socket: ClientConnection, **action: Any) -> dict[str, Any]:
-    """Send an action, and return the next state of the run."""
     socket.send(json.dumps(action))
     return next_state(socket)
 
 
 def next_state(socket: ClientConnection) -> dict[str, Any]:
-    """The next state; frames before it are passed over."""
     while True:
         message = socket.recv(timeout=60)
         if isinstance(message, str):

@@ -59,7 +59,6 @@ class Watched:
 
 
 def read_frame(message: bytes, said: dict[str, Any]) -> tuple[float, dict[str, Any]]:
-    """A frame as a browser reads it: its time, and its arrays by name."""
     values = np.frombuffer(message[8:], "<f4")
     found = {}
     for name, entry in said["arrays"].items():

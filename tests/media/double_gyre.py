@@ -29,10 +29,7 @@ def velocity(x: np.ndarray, y: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, n
     X, Y = x / LENGTH, y / LENGTH
     f = a * X**2 + b * X
     slope = 2.0 * a * X + b
-    return (
-        -SPEED * np.sin(np.pi * f) * np.cos(np.pi * Y),
-        SPEED * np.cos(np.pi * f) * np.sin(np.pi * Y) * slope,
-    )
+    return (-SPEED * np.sin(np.pi * f) * np.cos(np.pi * Y), SPEED * np.cos(np.pi * f) * np.sin(np.pi * Y) * slope)
 
 
 def write(path: Path, cells: int, times: int, end: float, *, land: bool = False, short: bool = False) -> None:

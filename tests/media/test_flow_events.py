@@ -26,14 +26,12 @@ BACKENDS = [("ideal", "mujoco"), ("physics", "mujoco"), ("physics", "fused")]
 
 
 def scenario_in(flow: dict[str, Any], events: Any = (), **fields: Any) -> Scenario:
-    """Return the mixed team in a flow about its agents, with a disturbance."""
     disturbance = {"agents": {"bound": 0.1}, "targets": {"bound": 0.05}}
     raw = {"time": {"end": 0.4}, "flow": {"agents": flow}, "disturbance": disturbance, "events": list(events)}
     return mixed_scenario(**raw | fields)
 
 
 def pieces_of(run: Any, backend: str, engine: str) -> dict[str, np.ndarray]:
-    """Return the whole log of a run by name."""
     phases = (Phase(0, run),) if isinstance(run, System) else tuple(run)
     stream = stream_ideal if backend == "ideal" else stream_physics
     logs = [piece.log for piece in stream(on_engine(phases, engine), 1000)]

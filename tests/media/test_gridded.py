@@ -26,13 +26,8 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def in_flow(path: Path, *, start: Any = (30.0, 40.0), **fields: Any) -> Scenario:
-    """Return a buoy that drifts in a gridded flow, and an agent next to it."""
     water = {"kind": "gridded", "path": str(path), "origin": ORIGIN, **fields.pop("water", {})}
-    usual = {
-        "time": {"end": 40.0},
-        "controller": {"gain": 0.5, "control_period": 0.5},
-        "flow": {"water": water},
-    }
+    usual = {"time": {"end": 40.0}, "controller": {"gain": 0.5, "control_period": 0.5}, "flow": {"water": water}}
     return build_scenario({"A": [50, 60]}, {"buoy": list(start)}, [["A", "buoy"]], **usual | fields)
 
 

@@ -147,8 +147,8 @@ OUTSIDE = {
 def test_what_a_vehicle_names_outside_its_directory_is_refused(what: str, place: Path) -> None:
     suffix, old, new, message = OUTSIDE[what]
     boats, outside = place / "boats", place.parent / "outside"
-    for linked in ("xml", "obj"):
-        (boats / f"link.{linked}").symlink_to(outside / ("raft.xml" if linked == "xml" else "hull.obj"))
+    (boats / "link.xml").symlink_to(outside / "raft.xml")
+    (boats / "link.obj").symlink_to(outside / "hull.obj")
     if "<mesh>" in message:
         edit(boats / "raft.xml", ASSET, f'<mesh name="own" file="hull.obj"/>{ASSET}')
     edit(boats / f"raft.{suffix}", old, new.replace("{tmp}", str(place.parent)))

@@ -69,7 +69,6 @@ def test_edges_that_differ_are_no_duplicates(case: str) -> None:
             "sensing: [[T, Q1]]",
             "[T, Q1]: expected [agent, target], but T is a target and Q1 is an agent; write [Q1, T]",
         ),
-        ("sensing: [[Q1, O1]]", "[Q1, O1]: expected [agent, target], but Q1 is an agent and O1 is an agent"),
         ("communication: [[Q1, T]]", "[Q1, T]: expected [agent, agent], but Q1 is an agent and T is a target"),
         ("communication: [[Q1, o1]]", "unknown id 'o1'; expected one of Q1, O1; did you mean O1?"),
         ("target_edges: [[S, TT]]", "unknown id 'TT'; expected one of T, S; did you mean T?"),

@@ -38,7 +38,6 @@ def gate(over: float | None = 40.0, links: dict[str, Any] | None = None) -> Scen
 
 
 def errors_about_changes(data: xr.Dataset, scenario: Scenario) -> list[float]:
-    """Return the RMS error before and over each change, m."""
     time = data["time"].values + 1e-9
     found = []
     for event in scenario.events:

@@ -41,8 +41,6 @@ def test_every_swarm_is_connected_and_unique(graph: str, size: int) -> None:
 
 def test_graphs_are_what_they_are_called() -> None:
     assert networkx.is_isomorphic(graph_of(swarm(graph="ring", size=12)), networkx.cycle_graph(12))
-    regular = graph_of(swarm(graph="k_regular", size=30, degree=6))
-    assert Counter(dict(regular.degree).values()) == {6: 30}
     assert graph_of(swarm(graph="small_world", size=40, degree=4)).number_of_edges() >= 80
     crowd = graph_of(swarm(graph="random_geometric", size=400, degree=6))
     assert 4.0 < 2.0 * crowd.number_of_edges() / 400 < 8.0

@@ -22,7 +22,6 @@ def desired_of(measures: str, z: Any) -> Any:
 
 
 def framework(points: Any, edges: Any, measures: Any) -> tuple[NonlinearSheaf, NDArray[np.float64]]:
-    """Return the sheaf of points whose desired values are those that they have, and where they are."""
     x = np.array(points, dtype=np.float64)
     n, d = x.shape
     sheaf = NonlinearSheaf({v: d for v in range(n)})  # noqa: C420 - typed

@@ -73,10 +73,7 @@ def test_polygons_of_the_published_run() -> None:
     radius = given_places[0, 1]
     for triangle in range(3):
         np.testing.assert_allclose(
-            polygon(3, radius=radius, clockwise=True),
-            given_places[3 * triangle : 3 * triangle + 3],
-            rtol=0,
-            atol=1e-12,
+            polygon(3, radius=radius, clockwise=True), given_places[3 * triangle : 3 * triangle + 3], rtol=0, atol=1e-12
         )
     side = given_places[10, 0] - given_places[9, 0]
     square = polygon(4, side=side, angle=225.0)

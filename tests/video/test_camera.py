@@ -24,7 +24,6 @@ def follow(
     distance: float | None = None,
     block: int = 37,
 ) -> tuple[Array, list[View]]:
-    """A camera that follows points, known at some times, in frames of which some are handed over at a time."""
     frames = np.arange(time[0], time[-1] + 1e-9, 1 / FPS)
     together = at_times(frames, time, np.concatenate(points, axis=1))
     path = camera_path(

@@ -97,17 +97,3 @@ def test_both_halves_of_a_comparison_have_the_same_scales() -> None:
     runs = [simulate(scenario, backend) for backend in ("ideal", "physics")]
     (left, _), (right, _) = both_films(scenario, runs[0], runs[1], half_options(scenario))
     np.testing.assert_array_equal(left.scales, right.scales)
-
-
-def test_video_page_and_plots_look_from_one_side() -> None:
-    """Oracle: the camera's own axes; to the right of an eye at azimuth -60 degrees x grows, and y goes away."""
-    from mjsheaf.scenario.scenario import Video
-    from mjsheaf.video.camera import axes
-
-    for video in (Video(), Video(azimuth=-60.0, elevation=-10.0), Video(azimuth=355.0, elevation=20.0)):
-        forward = axes(video.azimuth, video.elevation)[2]
-        azimuth, elevation = np.radians(video.eye)
-        eye = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-        np.testing.assert_allclose(eye, -forward, atol=1e-12)
-        assert -180.0 <= video.eye[0] <= 180.0
-    assert Video().eye == (-60.0, 35.0)
