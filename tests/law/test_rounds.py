@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from mjsheaf import load_scenario, simulate
+from mjsheaf.arrays import Array
 from mjsheaf.law.law import evaluate_law, new_memory
 from mjsheaf.noise import stream_of, uniforms
 from mjsheaf.results.store import dataset_bytes
 from mjsheaf.scenario import Scenario
 from tests.builders import make_scenario, mixed_scenario, team_of
-from tests.law.test_terms import ALL, MOVING, NEWTON, Array, long_team, unlike_team
+from tests.law.test_terms import ALL, MOVING, NEWTON, long_team, unlike_team
 from tests.running import walk
 
 BACKENDS = ("ideal", "physics")

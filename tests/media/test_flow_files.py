@@ -189,10 +189,9 @@ ATTRIBUTES: dict[str, Change | tuple[Change, Any]] = {
         .set("east", dims=("i",))
     ),
     "_FillValue": (lambda f: hole(f, -999.0).flow(_FillValue=-999.0), "hole"),
-    **{
-        name: (lambda f, name=name: f.values(lambda w: w.astype(np.int16)).flow(**{name: [1, 2]}), "expected numbers")
-        for name in ("flag_masks", "flag_meanings", "flag_values")
-    },
+    "flag_masks": (lambda f: f.values(lambda w: w.astype(np.int16)).flow(flag_masks=[1]), "expected numbers"),
+    "flag_meanings": (lambda f: f.values(lambda w: w.astype(np.int16)).flow(flag_meanings="a b"), "expected numbers"),
+    "flag_values": (lambda f: f.values(lambda w: w.astype(np.int16)).flow(flag_values=[1, 2]), "expected numbers"),
     "formula_terms": (
         lambda f: level(f, standard_name="ocean_sigma_coordinate", formula_terms="sigma: level eta: zeta depth: h"),
         "uo: has an axis level.*`select`: 1, 2",
@@ -229,14 +228,17 @@ ATTRIBUTES: dict[str, Change | tuple[Change, Any]] = {
     "valid_max": (lambda f: hole(f, 3.0).flow(valid_max=2.0), "hole"),
     "valid_range": (lambda f: hole(f, 3.0).flow(valid_range=[-2.0, 2.0]), "hole"),
     "valid_range of text": (lambda f: f.flow(valid_range="-2 2"), "uo: has a valid_min, .* of -2 2; expected numbers"),
-    "valid_range of packed values": (lambda f: hole(packed(f), 3000).flow(valid_range=np.int16([-2000, 2000])), "hole"),
+    "valid_range of packed values": (
+        lambda f: hole(packed(f), 3000).flow(valid_range=np.array([-2000, 2000], "i2")),
+        "hole",
+    ),
     "valid_range of unpacked values": (lambda f: hole(packed(f), 3000).flow(valid_range=[-2.0, 2.0]), "hole"),
     "missing_value that is text": (lambda f: hole(f, -9.0).flow(missing_value="-9."), "hole"),
     "missing_value that is no number": (lambda f: f.flow(missing_value="none"), "cannot be read"),
     "valid_min that is no number": (lambda f: f.flow(valid_min="n/a"), "expected numbers"),
     "scale_factor that is text": (lambda f: f.flow(scale_factor="0.5"), "cannot be read"),
     "_Unsigned in capitals": (lambda f: of_bytes(f, _Unsigned="True"), (0.2, 0.2)),
-    "_Unsigned": (lambda f: of_bytes(f, _Unsigned="true", valid_range=np.int8([0, -2])), (0.2, 0.2)),
+    "_Unsigned": (lambda f: of_bytes(f, _Unsigned="true", valid_range=np.array([0, -2], np.int8)), (0.2, 0.2)),
 }
 
 
