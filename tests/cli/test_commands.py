@@ -284,10 +284,9 @@ def test_output_stays_out_of_the_directories_of_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("without_plots")
-def test_video_that_cannot_be_written(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL, "--out", run) == 0
+def test_video_that_cannot_be_written(short: Short, tmp_path: Path) -> None:
+    run = tmp_path / "out"
+    assert short()[0].code == 0
     (tmp_path / "folder.mp4").mkdir()
     for out, told in (
         ("/proc/x.mp4", "/proc/x.mp4: cannot be written" if CAN_DRAW else "no video"),
@@ -299,10 +298,9 @@ def test_video_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("without_plots")
-def test_a_run_is_not_shown_again_with_data_of_another(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    assert call("run", "midpoint", *QUICK, "--set", "time.end=0.1", *SMALL, "--out", run) == 0
+def test_a_run_is_not_shown_again_with_data_of_another(short: Short, tmp_path: Path) -> None:
+    run = tmp_path / "out"
+    assert short()[0].code == 0
     own = (run / "scenario.yaml").read_text()
     (run / "scenario.yaml").write_text(own.replace("A1", "A9"))
     for command in ("video", "plot", "report"):
@@ -313,9 +311,8 @@ def test_a_run_is_not_shown_again_with_data_of_another(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_bound_beyond_all_measure_is_no_trouble(tmp_path: Path) -> None:
-    tiny = ["--set", "controller.gain=1e-300", "--set", "time.end=0.1"]
-    assert call("run", "midpoint", *QUICK, *tiny, "--out", tmp_path / "out") == 0
+def test_a_bound_beyond_all_measure_is_no_trouble(short: Short) -> None:
+    assert short("--set", "controller.gain=1e-300")[0].code == 0
 
 
 def test_warnings_of_libraries_are_not_shown() -> None:

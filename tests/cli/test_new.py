@@ -149,12 +149,27 @@ def test_files_without_a_flow_are_refused(content: object, words: str, tmp_path:
     assert not Path("mine.yaml").exists()
 
 
-def test_a_file_that_the_scenario_cannot_refer_to_is_refused(tmp_path: Path) -> None:
+OTTER = list_vehicles()["otter"].with_suffix(".xml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["sub/mine", "--from-netcdf", "wind.nc"], "outside the directory of sub/mine.yaml"),
+        (["otter", "--vehicle", "model.xml"], "otter: is the name of an included vehicle; expected another name"),
+        (["mine", "--vehicle", "none.xml"], "none.xml"),
+        (["mine", "--vehicle", "text.xml"], "not XML"),
+        (["mine", "--vehicle", "../above.xml"], "lies outside the directory of mine.yaml"),
+        (["mine", "--vehicle", "model.xml", "--from-netcdf", "wind.nc"], "expected one of them"),
+    ],
+)
+def test_what_a_file_cannot_be_made_of_is_refused(arguments: list[str], words: str, tmp_path: Path) -> None:
     wind_file(tmp_path / "wind.nc")
-    (tmp_path / "sub").mkdir()
-    answer = answer_of("new", "sub/mine", "--from-netcdf", "wind.nc")
-    assert is_refusal(answer, "outside the directory of sub/mine.yaml")
-    assert not (tmp_path / "sub" / "mine.yaml").exists()
+    shutil.copy(OTTER, "model.xml")
+    Path("text.xml").write_text("hello")
+    Path("sub").mkdir()
+    assert is_refusal(answer_of("new", *arguments), words)
+    assert not list(Path().rglob("*.yaml"))
 
 
 # -- descriptions of vehicles --------------------------------------------------------------------------------------
@@ -202,17 +217,9 @@ def test_a_description_says_what_the_model_says(name: str) -> None:
     np.testing.assert_array_equal(own.inertia, vehicle.inertia)
 
 
-def test_a_vehicle_has_the_name_of_no_included_one() -> None:
-    shutil.copy(SHIPPED["otter"].with_suffix(".xml"), "model.xml")
-    answer = answer_of("new", "otter", "--vehicle", "model.xml")
-    assert is_refusal(answer, "otter: is the name of an included vehicle; expected another name")
-    assert call("new", "harbour", "--vehicle", "model.xml") == 0
-    assert call("new", "harbour_wind") == 2
-
-
 @pytest.mark.parametrize("up", [-0.05, 0.05])
 def test_what_cannot_lift_its_weight_does_not_fly(up: float) -> None:
-    text = SHIPPED["otter"].with_suffix(".xml").read_text()
+    text = OTTER.read_text()
     tilted = text.replace('zaxis="1 0 0"', f'zaxis="1 0 {up}"')
     assert tilted != text
     Path("model.xml").write_text(tilted)
@@ -221,24 +228,10 @@ def test_what_cannot_lift_its_weight_does_not_fly(up: float) -> None:
 
 
 def test_a_description_names_what_is_missing() -> None:
-    shutil.copy(SHIPPED["otter"].with_suffix(".xml"), "model.xml")
+    shutil.copy(OTTER, "model.xml")
+    assert call("new", "harbour", "--vehicle", "model.xml") == 0  # a scenario's name, and no vehicle's
     assert call("new", "mine", "--vehicle", "model.xml") == 0
     answer = answer_of("list", "--vehicles", "mine.yaml")
     assert answer.code == 2
     for field in ("drag.linear.0", "drag.angular.2", "hydrostatics.heave", "hydrostatics.pitch"):
         assert f"mine.yaml: {field}: expected a number, not 'TODO'" in answer.err
-
-
-@pytest.mark.parametrize(
-    ("file", "words"),
-    [("none.xml", "none.xml"), ("text.xml", "not XML"), ("../above.xml", "lies outside the directory of mine.yaml")],
-)
-def test_no_description_of_what_is_no_model(file: str, words: str) -> None:
-    Path("text.xml").write_text("hello")
-    assert is_refusal(answer_of("new", "mine", "--vehicle", file), "--vehicle", words)
-    assert not Path("mine.yaml").exists()
-
-
-def test_a_vehicle_and_a_flow_are_two_files() -> None:
-    answer = answer_of("new", "mine", "--vehicle", "model.xml", "--from-netcdf", "flow.nc")
-    assert is_refusal(answer, "expected one of them")

@@ -79,23 +79,15 @@ def test_what_the_vehicle_itself_cannot_do() -> None:
     assert found["saturated"].agent in ("Q1", "Q2")
 
 
-def test_vehicles_that_would_collide() -> None:
-    cross = {"agents.Q1.position": [6, 0.02, 5], "agents.Q2.position": [0, 0, 5]}
-    found = noted(cross)
-    assert "closer to each other than their size" in found["close"].text
-    assert found["close"].agent == "Q1"
-    assert found["close"].number < 0.3
-    with_contacts = noted({**cross, "physics.contacts": True})
-    assert "close" not in with_contacts
-    assert "close" not in noted(cross, "ideal")
-
-
 def test_vehicles_closer_than_their_size() -> None:
     size = load_vehicle("hexarotor").size
     near = {"sensing.0.offset": [0, -4, -1], "sensing.1.offset": [-0.95 * size, -4, -1]}
     places = {"agents.Q1.position": [3, 0, 5], "agents.Q2.position": [3 - 0.95 * size, 0, 5]}
     found = noted({**near, **places})["close"]
+    assert "closer to each other than their size" in found.text
     assert found.number == pytest.approx(0.95 * size, rel=0.02)
+    assert "close" not in noted({**near, **places, "physics.contacts": True})
+    assert "close" not in noted({**near, **places}, "ideal")
     far = {"sensing.1.offset": [-1.2 * size, -4, -1], "agents.Q2.position": [3 - 1.2 * size, 0, 5]}
     assert "close" not in noted({**near, **places, **far})
 

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from mjsheaf.cli.run import print_outcome, print_start
+from mjsheaf.cli.run import print_outcome
 from mjsheaf.runs.publish import Outcome
-from mjsheaf.scenario import load_scenario
 from tests.commands import RUN_FILES, answer_of, one_line, python
 
 pytestmark = pytest.mark.usefixtures("without_plots")
@@ -61,11 +60,6 @@ def test_the_third_line_says_what_was_expected(
     lines = without_progress(answer_of(*RUN, "--set", change, "--no-video", "--out", tmp_path / "out").out)
     assert lines[2].startswith(begin)
     assert all(words in lines[2] for words in within)
-
-
-def test_the_first_line_is_there_at_once(capsys: pytest.CaptureFixture[str]) -> None:
-    print_start(load_scenario("paper"), "physics")
-    assert capsys.readouterr().out == "paper: 13 agents and 4 targets on MuJoCo bodies, 49.98 s\n"
 
 
 def test_that_bodies_exceed_the_bound_of_ideal_kinematics_is_no_news(tmp_path: Path) -> None:
