@@ -13,7 +13,6 @@ import pytest
 from matplotlib.figure import Figure
 
 import mjsheaf
-from mjsheaf.errors import InputError, PlaceError
 from mjsheaf.page.page import Ghost, Packer, add_ghosts
 from mjsheaf.results.store import RUNS_FILES
 from mjsheaf.runs.overlay import MAX_RUNS, RunsRecord, compare_runs, open_runs, publish_runs
@@ -131,11 +130,12 @@ def test_an_absent_agent_has_no_distance(runs: Path, tmp_path: Path) -> None:
         (["ideal", "others"], "has no agent in common with"),
         (["ideal", "later"], "covers 5 to 6 s"),
         (["ideal", "missing"], "holds no result.nc"),
+        (["ideal", "../compared"], "holds a comparison of runs"),
         (["ideal"] * (MAX_RUNS + 1), "expected 2 to"),
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_one_line(
-    runs: Path, names: list[str], words: str, tmp_path: Path
+    runs: Path, compared: RunsRecord, names: list[str], words: str, tmp_path: Path
 ) -> None:
     assert is_refusal(answer_of("compare-runs", *(runs / name for name in names), "--out", tmp_path / "out"), words)
     assert not (tmp_path / "out").exists()
@@ -161,6 +161,9 @@ def test_the_command_writes_and_replaces_its_own(
     assert float(rows[1]["late_tracking_error"]) == approx(record.runs[1].late.tracking_error)
     (out / "notes.txt").write_text("mine")
     assert call("compare-runs", runs / "ideal", runs / "bodies", "--out", out) == 2
+    answer = answer_of("compare-runs", runs / "ideal", runs / "bodies", "--out", runs / "ideal")
+    assert is_refusal(answer, "directory of one of the runs")
+    assert (runs / "ideal" / "result.nc").exists()
 
 
 @pytest.mark.long
@@ -176,38 +179,9 @@ def test_runs_of_one_name_are_told_apart_and_no_number_is_cut(runs: Path, tmp_pa
 
 
 @pytest.mark.long
-def test_a_run_is_not_replaced_by_its_comparison(runs: Path) -> None:
-    with pytest.raises(PlaceError, match="directory of one of the runs"):
-        publish_runs([runs / "ideal", runs / "bodies"], runs / "ideal")
-    assert (runs / "ideal" / "result.nc").exists()
-
-
-def test_a_comparison_is_no_run(runs: Path, compared: RunsRecord) -> None:
-    with (
-        pytest.raises(InputError, match="holds a comparison of runs"),
-        open_runs([runs / "ideal", runs.parent / "compared"]),
-    ):
-        pass
-
-
-@pytest.mark.long
 @pytest.mark.usefixtures("without_page")
 def test_the_plot_has_a_line_for_each_run(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
-    publish_runs([runs / "lost", runs / "bodies"], tmp_path / "out")
-    (figure,) = drawn
-    tracking = figure.axes[0]
-    data = [line for line in tracking.lines if "gain" in str(line.get_label())]
-    assert len(data) == 2
-    np.testing.assert_allclose(np.asarray(data[1].get_ydata(), dtype=float), team_error("physics"))
-    assert "RMS over agents" in tracking.get_ylabel()
-    assert "events of lost" in figure.axes[-1].get_xlabel()
-    assert "lose A2" in figure.axes[-1].get_xlabel()
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("without_page")
-def test_names_of_directories_are_shown_as_they_are(runs: Path, drawn: list[Figure], tmp_path: Path) -> None:
-    """Not as mathematics, and those with an underscore in front have a line in the legend, too."""
+    """Names of directories are not mathematics, and one that begins with an underscore is in the legend, too."""
     names = [r"$\frac{a$", "_later"]
     for name, run in zip(names, ("lost", "bodies"), strict=True):
         shutil.copytree(runs / run, tmp_path / name)
@@ -216,6 +190,13 @@ def test_names_of_directories_are_shown_as_they_are(runs: Path, drawn: list[Figu
     legend = [text.get_text().replace(r"\$", "$") for text in figure.legends[0].get_texts()]
     for name in names:
         assert any(name in words for words in legend)
+    tracking = figure.axes[0]
+    data = [line for line in tracking.lines if "gain" in str(line.get_label())]
+    assert len(data) == 2
+    np.testing.assert_allclose(np.asarray(data[1].get_ydata(), dtype=float), team_error("physics"))
+    assert "RMS over agents" in tracking.get_ylabel()
+    assert "events of " in figure.axes[-1].get_xlabel()
+    assert "lose A2" in figure.axes[-1].get_xlabel()
 
 
 def test_the_page_has_the_other_runs_as_ghosts(runs: Path, compared: RunsRecord) -> None:

@@ -28,7 +28,6 @@ from tests.strategies import tried
 
 HULLS = {"agents": "hull", "targets": "hull"}
 FINE: dict[str, Any] = {"physics": {"timestep": 0.002}}
-HELD = {"gain": 1.0, "control_period": 0.02}
 STILL = [{"id": "T1", "position": [0, 0], "motion": {"kind": "static"}}]
 
 
@@ -98,8 +97,8 @@ DECAYING: dict[str, tuple[Scenario, float]] = {
     "newton": (with_tau(0.3, 5.0, {"newton": {"rounds": 10}}), 0.03),
     "a delay": (with_tau(0.3, 5.0, links={"all": {"delay": 0.02}}), 0.03),
     "a longer delay": (with_tau(0.1, 3.0, links={"all": {"delay": 0.05}}), 0.03),
-    **{name: (two_boats(name, "hull", controller=HELD, targets=STILL), 0.1) for name in ("wamv", "otter")},
-    **{name: (two_aircraft(name, controller=HELD), 0.1) for name in ("hexarotor", "quadrotor")},
+    **{name: (two_boats(name, "hull", targets=STILL), 0.1) for name in ("wamv", "otter")},
+    **{name: (two_aircraft(name), 0.1) for name in ("hexarotor", "quadrotor")},
 }
 """Scenarios, and the relative tolerance: boats head in different directions, so that their decay has several modes."""
 
@@ -147,10 +146,6 @@ def test_the_usable_gain_does_not_depend_on_the_present_one(gain: float) -> None
     assert approx(usable, rel=3e-3) == ringing_at_rest(with_tau(0.2, 2.0).system).usable_gain
 
 
-def boats(vehicle: str, **fields: Any) -> System:
-    return two_boats(vehicle, "hull", **{"controller": HELD, **fields}).system
-
-
 @pytest.mark.slow(each=True)
 @pytest.mark.parametrize(
     ("vehicle", "fields", "effect"),
@@ -162,7 +157,7 @@ def boats(vehicle: str, **fields: Any) -> System:
     ],
 )
 def test_the_effect_that_limits_is_named(vehicle: str, fields: dict[str, Any], effect: str) -> None:
-    ringing = ringing_at_rest(boats(vehicle, **fields))
+    ringing = ringing_at_rest(two_boats(vehicle, "hull", **fields).system)
     assert ringing.effect == effect
     usable = [gain for gain in ringing.without.values() if gain is not None]
     assert effect == "inertia" or ringing.without[effect] == max(usable)
@@ -185,15 +180,11 @@ def test_distance_to_the_ideal_run_is_of_first_order_in_tau() -> None:
 # -- a higher gain, measured: plain runs, and `check` ------------------------------------------------------------------
 
 
-def otters(gain: float = 1.0, **fields: Any) -> Scenario:
-    return two_boats("otter", "hull", **{"controller": {"gain": gain, "control_period": 0.02}, **fields})
-
-
 @pytest.mark.slow
 def test_trials_are_plain_runs_at_their_gains(record: CompareRecord) -> None:
     assert len(record.gains) >= 2
     for trial in record.gains:
-        data = simulate(otters(trial.gain))
+        data = simulate(two_boats("otter", "hull", controller={"gain": trial.gain, "control_period": 0.02}))
         late = rms_error(data)[data["time"].values >= 1.5 - 1e-9]
         assert approx(trial.late.tracking_error, rel=1e-9) == np.sqrt((late**2).mean())
         assert approx(trial.saturated) == data["agent_saturation"].values.mean()
@@ -215,7 +206,11 @@ def test_the_verdict_says_what_limits_and_the_page_what_was_measured(record: Com
 
 def test_the_loop_is_that_of_the_bodies_with_their_effects(record: CompareRecord) -> None:
     """And the usable gain below the stable one. Oracle: `check`, whose flow is that along the path in theory."""
-    ringing, loop, bodies = known(record.ringing), known(record.loop), analyse(otters())["margins"]["bodies"]
+    ringing, loop, bodies = (
+        known(record.ringing),
+        known(record.loop),
+        analyse(two_boats("otter", "hull"))["margins"]["bodies"],
+    )
     assert known(record.usable_gain) == known(ringing.usable_gain) < known(ringing.largest_gain)
     assert (loop.largest_gain, loop.stable, loop.reason) == (ringing.largest_gain, bodies["stable"], "")
     assert ringing.stable is bodies["stable"]
@@ -233,6 +228,6 @@ def test_every_error_of_a_comparison_states_its_norm(record: CompareRecord) -> N
     ("largest", "expected"), [(None, [1.0, 2.0, 4.0]), (3.0, [1.0, 2.0, 2.7]), (2.0, [1.0, 1.8]), (1.1, [])]
 )
 def test_gains_are_tried_below_that_at_which_the_loop_is_unstable(largest: float | None, expected: list[float]) -> None:
-    phases = otters(time={"end": 0.2}).phases
+    phases = two_boats("otter", "hull", time={"end": 0.2}).phases
     given = run_ablation(phases, [rung for rung in ladder_of(phases) if rung.key == "all"])["all"]
     assert [trial.gain for trial in try_gains(phases, given, largest)] == expected
