@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 import mjsheaf
 from mjsheaf.comparing import CompareRecord, compare
 from mjsheaf.comparing.page import report_text
+from mjsheaf.errors import InputError
 from mjsheaf.files import dump_yaml
 from mjsheaf.runs.expecting import expected_law, try_scenario
 from mjsheaf.runs.publish import account_of
@@ -100,6 +101,16 @@ def test_a_law_that_fails_is_refused_in_one_line(laws: Path, tmp_path: Path) -> 
     for name, words in (("broken", "no such luck"), ("missing", "'missing'")):
         assert is_refusal(answer_of("compare", "midpoint", *out, "--controller", f"{laws}:{name}"), words)
         assert not (tmp_path / "out").exists()
+
+
+def test_a_law_file_that_changes_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "law.py"
+    path.write_text(LAWS)
+    law = find_law(f"{path}:Same")
+    law.load(0)
+    path.write_text(f"{LAWS}\n")
+    with pytest.raises(InputError, match="changed"):
+        law.load(0)
 
 
 def test_same_law_looks_at_names_alone() -> None:

@@ -299,7 +299,7 @@ def test_states_keep_large_seeds() -> None:
         assert whole.episode.seed == seed
 
 
-WRONG: list[Any] = ["x", None, {}, 1, [], [[0.0]], 1j, object(), ["1"], 10**400, {"boat": "x"}, [None]]
+WRONG: list[Any] = ["x", None, {}, 1, [], [[0.0]], 1j, object(), ["1"], 10**400, {"boat": "x"}, [None], [0.0, np.nan]]
 
 
 @pytest.mark.slow

@@ -26,10 +26,6 @@ def scenario(dimensions: list[int], target: int, **group: Any) -> dict[str, Any]
     return make_fields(agents, goal, [[name, "T"] for name in agents], time={"end": 20}, formations=[formation])
 
 
-def team_of(raw: dict[str, Any]) -> Team:
-    return scenario_from_mapping(raw).team
-
-
 def in_place(team: Team, shift: list[float]) -> np.ndarray:
     """One sample of the team where its formation wants it, all agents shifted, shape (1, V, 3)."""
     dimension = team.targets[0].dimension
@@ -52,7 +48,7 @@ CASES: dict[str, tuple[list[int], int, dict[str, Any], int]] = {
 @pytest.mark.parametrize("case", CASES)
 def test_centering_is_the_shift_of_a_group_from_its_place(case: str) -> None:
     dimensions, target, group, shared = CASES[case]
-    team = team_of(scenario(dimensions, target, **group))
+    team = scenario_from_mapping(scenario(dimensions, target, **group)).team
     shift = [0.3, -0.4, 1.2]
     there = evaluate_errors(team, in_place(team, [0.0, 0.0, 0.0])).centering["group"]
     off = evaluate_errors(team, in_place(team, shift)).centering["group"]
@@ -63,7 +59,7 @@ def test_centering_is_the_shift_of_a_group_from_its_place(case: str) -> None:
 @pytest.mark.parametrize("count", [2, 3, 7, 13])
 def test_formations_that_cancel_keep_the_plain_distance_to_the_bit(count: int) -> None:
     """A polygon's displacements cancel up to rounding only; its centering is the distance to the target exactly."""
-    team = team_of(scenario([2] * count, 3, shape="polygon", radius=4.7, angle=17.0))
+    team = scenario_from_mapping(scenario([2] * count, 3, shape="polygon", radius=4.7, angle=17.0)).team
     positions = np.random.default_rng(count).normal(size=(50, count + 1, 3))
     plain = np.linalg.norm(positions[:, :count, :2].mean(axis=1) - positions[:, count, :2], axis=1)
     np.testing.assert_array_equal(evaluate_errors(team, positions).centering["group"], plain)

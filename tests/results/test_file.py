@@ -66,8 +66,6 @@ def test_pieces_on_disk_are_the_run_in_memory(
     on_disk = written(run, backend, tmp_path / "a.nc")
     xr.testing.assert_identical(on_disk, whole)
     assert set(on_disk.coords) == set(whole.coords)
-    for name in ("group", "vehicle", "kind", "target_group", "target_vehicle", "target_kind", "phase"):
-        assert name in on_disk.coords
     piece(1000)
     at_once = simulate(run, backend)
     np.testing.assert_array_equal(whole["agent_position"], at_once["agent_position"])

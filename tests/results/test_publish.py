@@ -66,13 +66,6 @@ def test_timings_say_where_the_time_went(short: Scenario, tmp_path: Path) -> Non
     assert 0.5 * elapsed < sum(timings.values()) <= total * (1.0 + 1e-9) <= elapsed * (1.0 + 1e-9)
 
 
-def test_data_in_memory_never_replace_what_is_not_a_run(short: Scenario, tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(PlaceError):
-        publish(simulate(short, "ideal"), short, short.system, tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-
-
 def drawn_by(draw: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a function of a path stand for what draws videos."""
     monkeypatch.setattr("mjsheaf.video.draw.available_backend", lambda: ("none", ""))

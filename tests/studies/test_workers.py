@@ -63,12 +63,6 @@ def dies_of_the_second(job: Job) -> JobResult:
     return JobResult(new_record(job.point, 0, "finished"), 0.0)
 
 
-def raises_a_stranger(job: Job) -> JobResult:
-    if job.point.number == 1:
-        raise LookupError("no such thing\nat all")
-    return JobResult(new_record(job.point, 0, "finished"), 0.0)
-
-
 def records_of(workers: Workers, way: Callable[[Job], JobResult]) -> list[dict[str, Any]]:
     """Return the records of four runs, done in a way, in their order."""
     plan = small_plan()
@@ -85,6 +79,12 @@ def test_a_worker_that_dies_of_a_run_takes_no_other_with_it(workers: int) -> Non
 
 
 def test_an_error_around_a_run_is_recorded() -> None:
+
+    def raises_a_stranger(job: Job) -> JobResult:
+        if job.point.number == 1:
+            raise LookupError("no such thing\nat all")
+        return JobResult(new_record(job.point, 0, "finished"), 0.0)
+
     with IN_THREADS() as workers:
         found = records_of(workers, raises_a_stranger)
     assert [record["status"] for record in found] == ["finished", "failed", "finished", "finished"]
