@@ -31,13 +31,13 @@ def test_every_name_is_there() -> None:
 
 
 IMPORTING = """
-import importlib, pkgutil, sys, mjsheaf
-public = {name: getattr(mjsheaf, name) for name in mjsheaf.__all__}
+import importlib, pkgutil, sys, mjsheaf, mjsheaf.envs
+public = {(package, name): getattr(package, name) for package in (mjsheaf, mjsheaf.envs) for name in package.__all__}
 for module in pkgutil.walk_packages(mjsheaf.__path__, "mjsheaf."):
     if module.name.rpartition(".")[2] != "__main__":
         importlib.import_module(module.name)
-changed = [name for name, kept in public.items() if getattr(mjsheaf, name) is not kept]
-modules = [name for name in public if type(public[name]) is type(sys) and name != "envs"]
+changed = [name for (package, name), kept in public.items() if getattr(package, name) is not kept]
+modules = [name for (_, name), kept in public.items() if type(kept) is type(sys) and name != "envs"]
 print(changed, modules)
 """
 

@@ -184,16 +184,6 @@ def test_output_directory_that_is_removed_meanwhile(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_two_commands_on_one_place(tmp_path: Path) -> None:
-    """Each publishes whole; the later one stays."""
-    commands = [command_line(*SHORT, "--seed", str(k), "--out", tmp_path / "out") for k in range(2)]
-    processes = [subprocess.Popen(c, env=BARE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for c in commands]
-    assert [process.wait() for process in processes] == [0, 0]
-    assert {p.name for p in tmp_path.iterdir()} == {"out"}
-    assert {p.name for p in (tmp_path / "out").iterdir()} == RUN_FILES
-
-
-@pytest.mark.long
 def test_asserts_are_no_checks_of_what_users_write(tmp_path: Path) -> None:
     """Under -O nothing that is refused otherwise passes."""
     bad = ["controller.gain=-1", "time.end=-1", "agents.A1.position=[1]", "sensing.0.map=nonsense"]

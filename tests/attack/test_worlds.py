@@ -4,7 +4,6 @@ Oracle: one world alone.
 """
 
 import gc
-import threading
 
 import psutil
 import pytest
@@ -29,17 +28,6 @@ def test_a_world_that_blew_up_leaves_the_others_alone() -> None:
         wild.step(100)
     assert bits(other) == alone
     assert bits() == alone
-
-
-def test_worlds_on_two_threads() -> None:
-    alone = bits()
-    found: list[tuple[bytes, bytes]] = []
-    threads = [threading.Thread(target=lambda: found.extend(bits() for _ in range(3))) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == [alone] * 6
 
 
 @pytest.mark.long

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import counting, hardware, peers, processes, simulations
-from benchmarks.measuring import TOPICS, Row, at_least, at_most, informs, run_bench, swarm
+from benchmarks import peers, processes, simulations
+from benchmarks.measuring import TOPICS, Row, at_least, at_most, informs, run_bench
 from mjsheaf.errors import InputError
 from mjsheaf.loop.session import ENGINES
-from mjsheaf.vectors import rotation
 from tests.builders import refused
 from tests.strategies import long
 
@@ -76,24 +75,6 @@ def test_peers_that_another_python_has_are_measured_in_the_same_run(tmp_path: Pa
             peers.measured_peers(silent, (13,), True)
     with refused(InputError, "--peers", "topic"):
         run_bench(["hardware"], peers=sys.executable)
-
-
-@pytest.mark.long
-def test_operations_are_counted() -> None:
-    """Operations of a rotation matrix as counted by hand; those of a step are hundreds, the same in both counts."""
-    found = hardware.operations(hardware._settled(3))
-    assert 300 < sum(found["step"].values()) < 3000
-    assert found == hardware.operations(hardware._settled(3))
-    counting.counted.clear()
-    rotation.py_func(*map(counting.Number, (1.0, 0.0, 0.0, 0.0)))
-    assert counting.counted == {"sums": 12, "products": 27}
-
-
-def test_a_swarm_has_the_size_and_the_fields_that_are_asked_for() -> None:
-    system = swarm(10, "quadrotor", physics__timestep=0.004).system
-    assert system.bodies.vehicle == ["quadrotor"] * 10 + ["x500"]
-    assert system.bodies.timestep == 0.004
-    assert system.team.dirichlet.unique
 
 
 def test_every_topic_has_its_measurement() -> None:

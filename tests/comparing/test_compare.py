@@ -88,18 +88,9 @@ def test_command_leaves_what_is_not_its_own(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        (["air_tracks_surface"], 1),
-        (["nowhere"], 2),
-        (["midpoint", "--set", "time.end=-1"], 2),
-        (["midpoint", "--set", "agents.A1.vehicle=nothing"], 2),
-    ],
-    ids=["agents that are free", "no such scenario", "a time", "a vehicle"],
-)
-def test_command_refuses_in_one_line(arguments: list[str], code: int, tmp_path: Path) -> None:
-    answer = answer_of("compare", *arguments, "--no-video", "--out", tmp_path / "out")
+@pytest.mark.parametrize(("name", "code"), [("air_tracks_surface", 1), ("nowhere", 2)])
+def test_command_refuses_in_one_line(name: str, code: int, tmp_path: Path) -> None:
+    answer = answer_of("compare", name, "--no-video", "--out", tmp_path / "out")
     assert answer.code == code
     assert one_line(answer.err)
     assert not (tmp_path / "out").exists()

@@ -96,13 +96,6 @@ def test_notes_do_not_advise_a_gain_that_the_law_ignores(laws: Path) -> None:
     assert not any("gain" in note["text"] for note in notes)
 
 
-def test_a_law_that_fails_is_refused_in_one_line(laws: Path, tmp_path: Path) -> None:
-    out: list[str | Path] = ["--set", "time.end=0.5", "--no-video", "--out", tmp_path / "out"]
-    for name, words in (("broken", "no such luck"), ("missing", "'missing'")):
-        assert is_refusal(answer_of("compare", "midpoint", *out, "--controller", f"{laws}:{name}"), words)
-        assert not (tmp_path / "out").exists()
-
-
 def test_a_law_file_that_changes_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "law.py"
     path.write_text(LAWS)

@@ -3,9 +3,7 @@
 Oracles: `simulate` and a plain `World`, to the bit; the dataset's tracking error; dm_env's own conformance tests.
 """
 
-import importlib
 import io
-import pkgutil
 import unittest
 import warnings
 from collections.abc import Iterator
@@ -20,7 +18,6 @@ import dm_env as interface
 from absl.testing import absltest
 from dm_env import test_utils
 
-import mjsheaf
 from mjsheaf import World, simulate
 from mjsheaf.envs import dm_env
 from mjsheaf.errors import InputError
@@ -260,19 +257,6 @@ def test_shimmy_makes_it_an_environment_of_gymnasium() -> None:
         assert reward == own.sum()
         assert (terminated, truncated) == (False, k == len(rewards) - 1)
     outer.step(outer.action_space.sample())
-
-
-# -- importing ---------------------------------------------------------------------------------------------------------
-
-
-def test_functions_stay_functions_after_every_import() -> None:
-    import mjsheaf.envs as envs
-
-    assert envs.__all__ == ["Episode", "dm_env", "env", "parallel_env", "vector_env"]
-    for module in pkgutil.iter_modules(envs.__path__):
-        assert module.name not in envs.__all__
-        importlib.import_module(f"mjsheaf.envs.{module.name}")
-    assert mjsheaf.envs.dm_env is dm_env
 
 
 @pytest.mark.slow

@@ -251,23 +251,6 @@ def test_a_summary_that_is_not_one_is_refused(wrong: dict[str, Any], tmp_path: P
         pass
 
 
-@pytest.mark.long
-def test_the_page_of_a_study_links_those_of_its_runs(tmp_path: Path) -> None:
-    out = tmp_path / "study"
-    grid = ("--grid", "controller.gain=1,2", "--set", "time.end=1", "--backend", "ideal")
-    assert call("sweep", "midpoint", *grid, "--trajectories", "--workers", "1", "--out", out) == 0
-    links = [a["href"] or "" for tag, a in Elements((out / "index.html").read_bytes()).found if tag == "a"]
-    best, *pages = [link for link in links if link.startswith("trajectories/")]
-    assert pages == ["trajectories/000000.html", "trajectories/000001.html"]
-    assert best in pages
-    for number, link in enumerate(pages):
-        said = said_in((out / link).read_bytes())
-        assert f"gain {number + 1} 1/s" in said["facts"]["law"]
-    (out / best).unlink()  # a page that is gone is made again
-    assert call("sweep", "midpoint", *grid, "--trajectories", "--workers", "1", "--out", out) == 0
-    assert (out / best).is_file()
-
-
 def test_long_runs_are_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the same page."""
     whole = make_page("midpoint", "ideal", {"time.end": 1.0}).page

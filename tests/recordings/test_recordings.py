@@ -50,24 +50,17 @@ FILES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "selection"), FILES)
-def test_an_exported_run_is_read_back_to_the_bit(
-    name: str, selection: dict[str, Any], logs: tuple[Path, np.ndarray]
-) -> None:
-    folder, rows = logs
-    found = np.array(read_positions(str(folder / name), **selection))
-    assert np.array_equal(found[:, 1:], rows[:, 1:])
-    np.testing.assert_allclose(found[:, 0], rows[:, 0], atol=1e-9)  # logs have nanoseconds
-
-
 @pytest.mark.slow(first=True)
 @pytest.mark.parametrize(("name", "selection"), FILES)
 def test_a_target_follows_a_log_as_it_follows_its_rows(
     name: str, selection: dict[str, Any], logs: tuple[Path, np.ndarray]
 ) -> None:
+    """And is read back to the bit."""
     folder, rows = logs
     runs = []
     read = read_positions(str(folder / name), **selection)
+    assert np.array_equal(np.array(read)[:, 1:], rows[:, 1:])
+    np.testing.assert_allclose(np.array(read)[:, 0], rows[:, 0], atol=1e-9)  # logs have nanoseconds
     for source in ({"path": name, **selection}, {"samples": read}):
         moving = {**SCENARIO["targets"][0], "motion": {"kind": "recorded", **source}}
         (folder / "s.yaml").write_text(json.dumps({**SCENARIO, "targets": [moving]}))

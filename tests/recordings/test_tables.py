@@ -36,7 +36,6 @@ QUATERNION = [0.6, 0.6, 0.6], [0, 0, 0], [0.8, 0.8, 0.8], [0, 0, 0]
 DIALECTS: dict[str, str | tuple[str, dict[str, Any], Any]] = {
     "without titles": BODY,
     "in the plane": (rows(T, X, Y), {}, PLANE),
-    "titles": "t,x,y,z\n" + BODY,
     "any order": ("Y, Time ,label,X\n" + rows(Y, T, "abc", X), {}, PLANE),
     "byte order mark": "\ufefft,x,y,z\n" + BODY,
     "Windows": ("t,x,y,z\n" + BODY).replace("\n", "\r\n"),
@@ -50,7 +49,6 @@ DIALECTS: dict[str, str | tuple[str, dict[str, Any], Any]] = {
         PLANE,
     ),
     "a plural is no unit": ("timestamps,x,y\n" + rows([CLOCK, CLOCK + 5 * 10**8, CLOCK + 2 * 10**9], X, Y), {}, PLANE),
-    "minutes": ("time [min],x,y\n" + rows([0, 1, 2], X, Y), {}, [[0, 1, 2], [60, 2, 4], [120, 3, 8]]),
     "semicolons": "t;x;y;z\n" + BODY.replace(",", ";"),
     "tabs": "t\tx\ty\tz\n" + BODY.replace(",", "\t"),
     "blanks": "t  x y   z\n" + BODY.replace(",", "  "),
@@ -89,7 +87,6 @@ DIALECTS: dict[str, str | tuple[str, dict[str, Any], Any]] = {
     ),
     "east, north, up": "t,north,east,up\n" + rows(T, Y, X, Z),
     "north, east, down": "t,north_m,east_m,down_m\n" + rows(T, Y, X, [-3, -3.5, -4]),
-    "depth": "t,x,y,depth\n" + rows(T, X, Y, [-3, -3.5, -4]),
     "axes ned": ("t,x,y,z\n" + rows(T, Y, X, [-3, -3.5, -4]), {"axes": "ned"}, PATH),
     "axes ned in the plane": ("t,x,y\n" + rows(T, Y, X), {"axes": "ned"}, PLANE),
     "axes ned with a height": ("t,x,y,alt\n" + rows(T, Y, X, Z), {"axes": "ned"}, PATH),
@@ -122,7 +119,6 @@ DIALECTS: dict[str, str | tuple[str, dict[str, Any], Any]] = {
         {"topic": "7", **ORIGIN},
         [[0, 0, 0], [9, 0, 0]],
     ),
-    "one vehicle": ("mmsi,t,x,y\n" + rows([7, 7, 7], T, X, Y), {}, PLANE),
     "rows without a fix": ("t,lat,lon,alt\n0.1,,,\n" + fixes(T), ORIGIN, DEGREES),
     "a velocity named u": ("t,x,y,u,v\n" + rows(T, X, Y, [9] * 3, [9] * 3), {}, PLANE),
 }

@@ -117,19 +117,14 @@ FORMS: dict[str, Variables | tuple[Variables, dict[str, Any], np.ndarray]] = {
     "depth by name alone": single(z=None, depth=("time", -UP, {"units": "m"})),
     "depth that points up": single(z=("time", UP, {"standard_name": "depth", "units": "m", "positive": "up"})),
     "positive down": single(z=("time", -UP * 100, {"units": "cm", "positive": "down"})),
-    "altitude": single(z=None, h=("time", UP, {"standard_name": "altitude", "units": "m"})),
     "no height": (single(z=None), ORIGIN, ROWS[:, :3]),
     "a height that is missing everywhere": (single(z=("time", np.nan * UP, HEIGHT)), ORIGIN, ROWS[:, :3]),
     "longitudes of another turn": (single(lon=("time", LON - 360.0, EAST)), {"origin": [60.0, 10.0]}, ROWS),
     "radians": single(lat=("time", np.radians(LAT), {**NORTH, "units": "radian"})),
-    "minutes since": timed("minutes since 2026-01-01 00:00:00", 60.0),
     "days since, another calendar": timed("days since 2026-02-01", 86400.0, calendar="360_day"),
     "milliseconds since": timed("milliseconds since 1970-01-01", 1e-3),
     "seconds that do not begin at 0": (timed("s", 1.0, shift=10.0), ORIGIN, np.add(ROWS, [10.0, 0.0, 0.0, 0.0])),
     "hours of the run": timed("hours", 3600.0),
-    "packed": single(lat=("time", np.arange(COUNT, dtype="i2"), {**NORTH, "scale_factor": 2e-4, "add_offset": 60.0})),
-    "fill value": (single(lat=("time", np.append(LAT[:3], 1e20), {**NORTH, "_FillValue": 1e20})), ORIGIN, ROWS[:3]),
-    "valid maximum": (single(z=("time", np.append(UP[:3], 80.0), {**HEIGHT, "valid_max": 70.0})), ORIGIN, ROWS[:3]),
     "other variables": {**single(), "sst": ("time", T), "u": ("time", T, {"standard_name": "eastward_wind"})},
 }
 
@@ -168,9 +163,6 @@ def test_files_of_netcdf_3_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("variables", "fields", "message"),
     [
-        (single(), {}, "origin: missing; positions are in degrees"),
-        (in_metres(), ORIGIN, "origin: positions are in metres"),
-        (single(), {"axes": "ned", **ORIGIN}, "axes: the file names the directions"),
         (single(), {"topic": "b", **ORIGIN}, "topic: this kind of file has none"),
         (single(), {"time": "log", **ORIGIN}, "time: this kind of file has none"),
         (several(), ORIGIN, "topic: missing; expected a, b, c"),

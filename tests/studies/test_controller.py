@@ -18,6 +18,7 @@ from mjsheaf.studies.plan import Plan, load_plan
 from mjsheaf.studies.study import run_study
 from tests.builders import IN_THREADS, LAWS, small_plan
 from tests.commands import answer_of, contents, is_refusal
+from tests.page.pages import said_in
 
 
 @pytest.fixture
@@ -116,7 +117,9 @@ def test_the_page_names_the_best_point_and_runs_that_have_not_converged(kept: bo
     assert "<h1>midpoint over controller.gain</h1>" in page
     assert ("--trajectories" in page) is not kept
     assert ('<a href="trajectories/000001.html">Replay run 1</a>' in page) is kept
-    assert (tmp_path / "s" / "trajectories" / "000001.html").exists() is kept
+    replay = tmp_path / "s" / "trajectories" / "000001.html"
+    assert replay.exists() is kept
+    assert not kept or "gain 2 1/s" in said_in(replay.read_bytes())["facts"]["law"]
     items = re.findall(r"<li>(.*?)</li>", page) + re.findall(r"<p>(.*?)</p>", page)
     texts = [re.sub(r"<code>.*?</code>|<[^>]*>", "", item) for item in items]
     assert len(texts) > 5

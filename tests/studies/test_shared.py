@@ -13,7 +13,6 @@ from mjsheaf.errors import ScenarioError
 from mjsheaf.scenario import Scenario
 from mjsheaf.scenario.load import read_scenario, scenario_from_mapping
 from mjsheaf.studies.plan import Job, Plan, Point, StudyFile
-from mjsheaf.studies.workers import run_job
 from tests.builders import ONE_BOAT, altered, find
 
 SHORT: dict[str, Any] = {"time.end": 0.3, "disturbance": {"agents": {"bound": 0.2}}}
@@ -47,14 +46,6 @@ def test_seeds_share_the_team_and_points_do_not() -> None:
     other = job_of(2, changes={"controller.gain": 3.0}).load()
     assert other.team is not two.team
     assert other.system.gain == 3.0
-
-
-def test_records_do_not_depend_on_what_was_run_before() -> None:
-    others = [job_of(0, changes={"controller.gain": 3.0}), job_of(0, "midpoint")]
-    jobs = [job_of(0), job_of(1), *others, job_of(0), job_of(1)]
-    records = [run_job(job).record for job in jobs]
-    assert records[0] == records[4] != records[1] == records[5]
-    assert records[2] != records[0]
 
 
 def test_the_path_of_targets_is_kept_for_those_targets_alone() -> None:
