@@ -23,7 +23,6 @@ WRONG: dict[str, tuple[Callable[[], Any], tuple[object, ...]]] = {
     "backend": (lambda: mjsheaf.simulate(scenario(), 3), ("backend", 3, "physics, ideal")),  # type: ignore[arg-type]
     "engine": (lambda: mjsheaf.simulate(scenario(), engine=None), ("engine", None, "mujoco, fused")),  # type: ignore[arg-type]
     "threads": (lambda: mjsheaf.simulate(scenario(), threads="2"), ("threads is '2' (str)", 1)),  # type: ignore[arg-type]
-    "threads 0": (lambda: mjsheaf.simulate(scenario(), threads=0), ("threads is 0", 1)),
     "threads true": (lambda: mjsheaf.simulate(scenario(), threads=True), ("threads is True",)),
     "controller": (lambda: mjsheaf.simulate(scenario(), controller=3), ("controller", "law(t, sample)", "int")),  # type: ignore[arg-type]
     "progress": (lambda: mjsheaf.simulate(scenario(), progress=3), ("progress is 3",)),  # type: ignore[arg-type]
@@ -40,7 +39,6 @@ WRONG: dict[str, tuple[Callable[[], Any], tuple[object, ...]]] = {
     ),
     "check rate": (lambda: mjsheaf.check(scenario(), rate=[1], trial=False), ("rate is [1] (list)", "positive number")),  # type: ignore[arg-type]
     "check rho": (lambda: mjsheaf.check(scenario(), rho="x", trial=False), ("rho",)),  # type: ignore[arg-type]
-    "source": (lambda: mjsheaf.load_scenario(3), ("int", "mapping")),  # type: ignore[arg-type]
     "overrides": (lambda: mjsheaf.load_scenario("paper", 3), ("overrides is 3 (int)", "field paths")),  # type: ignore[arg-type]
     "overrides key": (lambda: mjsheaf.load_scenario("paper", {3: 3}), ("a key of overrides is 3 (int)",)),  # type: ignore[dict-item]
     "seed": (lambda: scenario().with_seed("x"), ("seed is 'x' (str)",)),

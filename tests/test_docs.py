@@ -316,20 +316,6 @@ def test_formulas_become_mathml_whose_bars_do_not_grow() -> None:
         assert all(node.get("stretchy") == "false" for node in bars), formula
 
 
-@pytest.mark.slow
-def test_the_font_of_formulas_has_what_roots_need(tmp_path: Path) -> None:
-    pytest.importorskip("ziamath")
-    import mathml
-    from fontTools.ttLib import TTFont  # type: ignore[import-untyped]
-
-    mathml.write_font(tmp_path / "math.woff")
-    font = TTFont(tmp_path / "math.woff")
-    assert "MATH" in font
-    assert {ord(letter) for letter in "√‖𝒟ℋλη⊴∑"} <= set(font.getBestCmap())
-    assert any("Open Font License" in name.toUnicode() for name in font["name"].names)
-    assert mathml.FONT in (DOCS / "_static" / "site.css").read_text()
-
-
 def test_the_figure_of_stalks_shows_the_sheaf_of_its_text(tmp_path: Path) -> None:
     import stalks
 

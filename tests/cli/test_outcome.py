@@ -22,11 +22,6 @@ def without_progress(text: str) -> list[str]:
     return [line for line in text.splitlines() if not line.endswith(" s since the start")]
 
 
-def place_of(lines: list[str], begin: str) -> int:
-    """The number of the first line that begins so."""
-    return next(k for k, line in enumerate(lines) if line.startswith(begin))
-
-
 def test_the_result_comes_first_and_notes_after_the_numbers(tmp_path: Path) -> None:
     answer = answer_of(*RUN, "--set", "controller.velocity_limit=0.1", "--no-video", "--out", tmp_path / "out")
     lines = without_progress(answer.out)
@@ -38,11 +33,9 @@ def test_the_result_comes_first_and_notes_after_the_numbers(tmp_path: Path) -> N
     assert lines[2].endswith("(the expectation is for the scenario without --set)")
     notes = [note["text"] for note in summary["notes"]]
     assert notes
-    assert (
-        place_of(lines, "midpoint on ideal, errors in m")
-        < place_of(lines, f"note: {notes[0][:30]}")
-        < place_of(lines, f"  {tmp_path}")
-    )
+    begins = ("midpoint on ideal, errors in m", f"note: {notes[0][:30]}", f"  {tmp_path}")
+    places = [next(k for k, line in enumerate(lines) if line.startswith(begin)) for begin in begins]
+    assert places == sorted(places)
     assert answer.err == ""
 
 

@@ -1,6 +1,5 @@
 """The environments of PettingZoo and Gymnasium: their own conformance suites, and the run itself where nobody acts."""
 
-import os
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from mjsheaf.envs import env, parallel_env, vector_env
 from mjsheaf.errors import InputError
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario, refused
-from tests.builders import shipped as all_shipped
 from tests.commands import drawing, python
 from tests.strategies import tried
 
@@ -23,9 +21,6 @@ pytestmark = pytest.mark.filterwarnings("error")
 LOST = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}, {"time": 0.2, "join": "boat"}]}
 GONE = {"time": {"end": 0.4}, "events": [{"time": 0.1, "lose": "boat"}]}
 SHIPPED = ["midpoint", "paper", "harbour_lost_hexarotor", "leader_follower", "range_formation", "quads"]
-if os.environ.get("MJSHEAF_SCENARIOS") == "all":
-    SHIPPED = [name for name, own in all_shipped().items() if len(own.agents) <= 20 and own.expect.refused is None]
-
 EARLIER = {"harbour_lost_hexarotor": {"events.1.time": 0.6, "events.2.time": 1.2}}
 
 
@@ -59,10 +54,7 @@ def test_the_conformance_suites_pass(change: dict[str, Any]) -> None:
 @pytest.mark.slow(first=True)
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_conformance_suites_pass_on_shipped_scenarios(name: str) -> None:
-    """Over 150 periods and all events, in `make test-all` over 1000.
-
-    `MJSHEAF_SCENARIOS=all` tries every one of at most 20 agents.
-    """
+    """Over 150 periods and all events, in `make test-all` over 1000."""
     scenario = shipped(name)
     last = max((event.time for event in scenario.events), default=scenario.time.start)
     cycles = max(tried(1000, 150), round((last - scenario.time.start) / scenario.whole.grid.period) + 10)

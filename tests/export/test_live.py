@@ -56,21 +56,15 @@ def watched(port: int, during: Callable[[], object]) -> list[dict[str, Any]]:
     return found
 
 
-def messages_of(file: Path) -> dict[tuple[str, int], bytes]:
-    with file.open("rb") as stream:
-        return {
-            (channel.topic, message.log_time): message.data
-            for _, channel, message in make_reader(stream).iter_messages()
-        }
-
-
 @needs_client
 @pytest.mark.slow(first=True)
 def test_a_client_receives_the_messages_of_the_mcap_file(port: int, tmp_path: Path) -> None:
     out = tmp_path / "run"
     command = ["run", "midpoint", "--backend", "ideal", "--set", "time.end=4", "--no-video", "--mcap", "--live"]
     received = watched(port, partial(call, *command, "--out", out))
-    written = messages_of(out / "run.mcap")
+    with (out / "run.mcap").open("rb") as stream:
+        found = list(make_reader(stream).iter_messages())
+    written = {(channel.topic, message.log_time): message.data for _, channel, message in found}
     topics = {message["topic"] for message in received}
     assert {"/tf", "/scene", "/vehicles", "/errors"} <= topics
     assert all(message["encoding"] == "protobuf" for message in received)

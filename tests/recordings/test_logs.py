@@ -178,11 +178,6 @@ def expected_rows(name: str, clocked: bool) -> np.ndarray:
     return np.column_stack([time, x, y, z][: 3 if kind.coordinates == ("x", "y") else 4])
 
 
-def origin_of(name: str) -> list[float] | None:
-    kind = POSITIONS[name]
-    return [60.0, 10.0] if {"latitude", "lat"} & set(kind.coordinates) else None
-
-
 ALL_ROS2 = sorted(name for name in ROS2.fielddefs if not name.startswith("team_msgs"))
 ALL_ROS1 = sorted(ROS1.fielddefs)
 
@@ -210,7 +205,8 @@ def test_every_type_is_read_by_its_definition_or_refused(axes: Any, tmp_path: Pa
         if axes is not None:
             continue
         read.add(key)
-        rows = np.array(read_positions(path, origin=origin_of(key)))
+        origin = [60.0, 10.0] if {"latitude", "lat"} & set(POSITIONS[key].coordinates) else None
+        rows = np.array(read_positions(path, origin=origin))
         clocked = bool(POSITIONS[key].stamp) or (ros1 and name not in FOXGLOVE)
         np.testing.assert_allclose(rows, expected_rows(key, clocked), atol=1e-6, err_msg=name)
     assert axes is not None or read == set(POSITIONS), "a type of the table is never tried"

@@ -96,7 +96,6 @@ def test_a_log_ends_with_the_run_whatever_the_rounding_of_its_last_time() -> Non
         ("bag", {"topic": "/scene"}, "topic: messages of type visualization_msgs/msg/MarkerArray have no position"),
         ("result.nc", {}, "topic: None is no agent or target of this run; expected A1, T1, T2"),
         ("result.nc", {"topic": "T1", "frame": "T1"}, "frame: this kind of file has none"),
-        ("run.csv", {"topic": "/tf"}, "topic: this kind of file has none"),
         ("absent.mcap", {"topic": "/tf"}, "No such file"),
         ("absent.nc", {}, "No such file"),
         ("broken.mcap", {"topic": "/tf"}, "cannot be read"),
@@ -110,7 +109,6 @@ def test_mistakes_name_the_file_and_what_it_has(
 ) -> None:
     folder, _ = logs
     (folder / "empty").mkdir(exist_ok=True)
-    (folder / "run.csv").write_text("0,0,0,0\n5,1,1,1\n")
     (folder / "broken.mcap").write_bytes(b"no log")
     (folder / "broken.nc").write_bytes(b"no data")
     whole = (folder / "run.mcap").read_bytes()

@@ -143,7 +143,6 @@ def test_a_dialect_is_read(dialect: str, tmp_path: Path) -> None:
         ("t,x [s],y\n0,1,2\n", {}, "column x: the unit is 's'; expected m"),
         ("t,lat [m],lon\n0,1,2\n", ORIGIN, "column latitude: the unit is 'm'"),
         ("t,vx,vy\n0,1,2\n", {}, "expected a table of numbers"),
-        ("index,lat,lon\n0,1,2\n", ORIGIN, "expected a table of numbers"),
         ("t,lat,lon\n0,60,10\n", {}, "origin: missing; positions are in degrees"),
         ("t,lat,lon\n0,95,10\n", ORIGIN, "latitude is 95; expected degrees"),
         ("t,lat,lon\n0,0,0\n", ORIGIN, "a position is at 0, 0 degrees"),
@@ -151,7 +150,6 @@ def test_a_dialect_is_read(dialect: str, tmp_path: Path) -> None:
         ("t,north,east\n0,1,2\n", {"axes": "ned"}, "axes: the file names the directions"),
         ("timestamp,x,y,z,xy_valid\n0,1,2,3,1\n", {}, "axes: missing; columns with xy_valid are PX4's"),
         ("t,x,y\n0,1,2\n", {"topic": "/tf"}, "topic: this kind of file has none"),
-        ("t,x,y\n0,1,2\n", {"time": "log"}, "time: this kind of file has none"),
         ("mmsi,t,x,y\n1,0,1,2\n2,0,1,2\n", {}, "topic: missing; expected 1, 2"),
         ("mmsi,t,x,y\n1,0,1,2\n2,0,1,2\n", {"topic": "3"}, "topic: there is no '3'; expected 1, 2"),
         ("t,x,y\n12/Nov/2022 04:22:36,1,2\n", {}, "times begin at '12/Nov/2022 04:22:36'; expected seconds, or dates"),
@@ -161,8 +159,6 @@ def test_a_dialect_is_read(dialect: str, tmp_path: Path) -> None:
         ("t,x,y\n0,0,0\n1,0,1,5,2,5\n", {}, "line 3: has 6 cells under 3 titles; expected points"),
         ("t,lat,N/S,lon,E/W\n0,33,S,70,W\n", {"origin": [33, 70]}, "a column has hemispheres, S; expected negative"),
         ("t,x,y,z,alt\n0,0,0,5,105\n", {}, "columns z and up are both there"),
-        ("t,x,y,alt,depth\n0,0,0,5,1\n", {}, "columns up and down are both there"),
-        ("t,x,y,east,north\n0,0,0,5,105\n", {}, "columns x and east are both there"),
         ("t,pos_err_x,pos_err_y\n0,0,0\n", {}, "expected a table of numbers"),
         ("t,lat,lon\n0,60,10\n", {"origin": [95, 10]}, r"origin: \(95, 10\) is no place"),
         (
@@ -170,7 +166,6 @@ def test_a_dialect_is_read(dialect: str, tmp_path: Path) -> None:
             {"origin": [43, 7]},
             r"origin: the nearest position is \d+ km away from 43, 7; expected latitude, then long",
         ),
-        ("<?xml version='1.0'?>\n<gpx></gpx>\n", {}, "expected a table of numbers"),
         ("t,x,y\n0,1,2\n1,2\n", {}, "line 3: expected a number in each column, not '1,2'"),
     ],
 )

@@ -36,11 +36,7 @@ def scenario(end: float = 0.5, **fields: Any) -> Scenario:
 @pytest.fixture
 def piece(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
     """Sets the length of pieces."""
-
-    def set_length(samples: int) -> None:
-        monkeypatch.setattr(running, "samples_in_piece", lambda system: samples)
-
-    return set_length
+    return lambda samples: monkeypatch.setattr(running, "samples_in_piece", lambda system: samples)
 
 
 def written(of: Scenario, backend: str, path: Path) -> xr.Dataset:
