@@ -109,24 +109,3 @@ def test_python_leaves_large_calls_to_compiled_code(tmp_path: Path, monkeypatch:
     assert not list(tmp_path.iterdir())
     assert function(np.ones(11)) == 11.0
     assert total.signatures
-
-
-def test_every_combination_of_types_has_a_time_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    @numba.njit
-    def halve(x):
-        for i in range(x.shape[0]):
-            x[i] /= 2.0
-
-    monkeypatch.setattr(tiers, "_file_of_times", lambda _, kinds: tmp_path / str(kinds[0][0]))
-    function = tiers.Tiered(halve, seconds=1e-9)
-    for count, number in enumerate((np.float64, np.float32)):
-        x = np.ones(3, number)
-        function(x)
-        assert len(halve.signatures) == count  # in Python, although code for the other type is there
-        function(x)
-        assert len(halve.signatures) == count + 1  # its time was up
-        np.testing.assert_array_equal(x, 0.25)
-    again = tiers.Tiered(halve)  # as in another process
-    again(np.ones(3))
-    again(np.ones(3, np.int64))
-    assert [left > 0.0 for left in again._left.values()] == [False, True]

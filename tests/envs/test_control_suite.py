@@ -24,32 +24,25 @@ from mjsheaf.errors import InputError
 from tests.builders import mixed_scenario, refused
 from tests.commands import python
 from tests.envs.test_faces import LOST, SHIPPED, horizon, shipped
+from tests.loop.test_session import CONTINUOUS, TANGLED
 from tests.strategies import slow
 
+EVENTS = [
+    {"time": 0.05, "cut": ["boat", "front"]},
+    {"time": 0.1, "lose": "boat"},
+    {"time": 0.15, "set": {"controller.gain": 2.0}},
+    {"time": 0.2, "join": "boat"},
+    {"time": 0.25, "restore": ["boat", "front"]},
+]
 ALL = {
-    "time": {"end": 0.3},
-    "controller": {
-        "gain": 3.0,
-        "control_period": 0.01,
-        "velocity_limit": 2.0,
-        "feedforward": {"rounds": 4, "filter": 0.05},
-        "drift": {"filter": 0.1},
-        "integral": {"gain": 0.2, "limit": 1.0},
-    },
-    "links": {"all": {"noise": 0.05, "loss": 0.3, "delay": 0.02, "hold": 0.02}},
-    "disturbance": {"agents": {"bound": 0.5}, "targets": {"bound": 0.2}},
+    **TANGLED,
+    "controller": TANGLED["controller"] | {"drift": {"filter": 0.1}},
     "anchors": [{"agent": "back", "axes": ["z"], "value": [4.0]}],
-    "events": [
-        {"time": 0.05, "cut": ["boat", "front"]},
-        {"time": 0.1, "lose": "boat"},
-        {"time": 0.15, "set": {"controller.gain": 2.0}},
-        {"time": 0.2, "join": "boat"},
-        {"time": 0.25, "restore": ["boat", "front"]},
-    ],
+    "events": EVENTS,
 }
 VARIANTS: dict[str, dict[str, Any]] = {
     "plain": {"time": {"end": 0.2}},
-    "continuous": {"time": {"end": 0.1}, "controller": {"gain": 3.0, "control_period": 0.0, "record_period": 0.02}},
+    "continuous": CONTINUOUS,
     "newton": {"time": {"end": 0.2}, "controller": {"gain": 3.0, "control_period": 0.01, "newton": {"rounds": 5}}},
     "late start": {"time": {"start": 1.0, "end": 1.2}},
     "all": ALL,

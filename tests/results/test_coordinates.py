@@ -4,7 +4,6 @@ Oracle: the scenario's own fields.
 """
 
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +12,10 @@ from mjsheaf import simulate
 from mjsheaf.scenario import Scenario, load_scenario
 from tests.builders import RAFT, build_scenario
 
-BACKENDS = ("ideal", "physics")
 EVENTS = [{"time": 0.2, "lose": "D"}, {"time": 0.3, "set": {"controller.gain": 1.5}}]
 
 
-def scenario(**fields: Any) -> Scenario:
+def scenario() -> Scenario:
     """A boat, a drone, a submersible and an ungrouped boat."""
     boat, submersible = {"position": [0, 0], "vehicle": "otter"}, {"position": [3, 3, -2], "vehicle": "submersible"}
     return build_scenario(
@@ -31,12 +29,12 @@ def scenario(**fields: Any) -> Scenario:
         ],
         time={"end": 0.5},
         scene={"surface": "water"},
-        **fields,
+        events=EVENTS,
     )
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_members_have_a_group_a_vehicle_and_a_kind(backend: str) -> None:
+@pytest.mark.parametrize("backend", ["ideal", "physics"])
+def test_members_have_a_group_a_vehicle_and_a_kind_and_samples_a_phase(backend: str) -> None:
     found = simulate(scenario(), backend)
     assert found["group"].dims == found["vehicle"].dims == found["kind"].dims == ("agent",)
     assert found["group"].values.tolist() == ["pair", "pair", "dive", ""]
@@ -45,24 +43,18 @@ def test_members_have_a_group_a_vehicle_and_a_kind(backend: str) -> None:
     assert found["target_group"].values.tolist() == ["pair", ""]
     assert found["target_vehicle"].values.tolist() == ["aerial", "hull"]
     assert found["target_kind"].values.tolist() == ["aerial", "surface"]
-    assert found["group_formation_error"].sel(formation="pair").dims == ("time",)
-
-
-def test_a_vehicle_of_ones_own_has_the_name_of_its_file() -> None:
-    found = simulate(load_scenario("midpoint", {"vehicles.agents": str(RAFT), "time.end": 0.1}), "ideal")
-    assert found["vehicle"].values.tolist() == ["raft"]
-
-
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_every_sample_has_its_phase(backend: str) -> None:
-    eventful = simulate(scenario(events=EVENTS), backend)
-    assert eventful["phase"].dims == ("time",)
-    expected = np.searchsorted([0.0, 0.2, 0.3], np.round(eventful["time"].values, 9), side="right") - 1
-    np.testing.assert_array_equal(eventful["phase"].values, expected)
-    attributes = eventful["phase"].attrs
+    assert found["group_formation_error"].sel(formation="pair").dims == found["phase"].dims == ("time",)
+    expected = np.searchsorted([0.0, 0.2, 0.3], np.round(found["time"].values, 9), side="right") - 1
+    np.testing.assert_array_equal(found["phase"].values, expected)
+    attributes = found["phase"].attrs
     np.testing.assert_allclose(attributes["start_times"], [0.0, 0.2, 0.3])
     assert list(attributes["flag_values"]) == [0, 1, 2]
     first, second, _ = attributes["flag_meanings"].split()
     assert first == "start"
     assert "lose_D" in second
     assert [len(happened) for happened in json.loads(attributes["events"])][:2] == [0, 1]
+
+
+def test_a_vehicle_of_ones_own_has_the_name_of_its_file() -> None:
+    found = simulate(load_scenario("midpoint", {"vehicles.agents": str(RAFT), "time.end": 0.1}), "ideal")
+    assert found["vehicle"].values.tolist() == ["raft"]
