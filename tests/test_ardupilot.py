@@ -228,15 +228,6 @@ def test_a_port_in_use_is_named() -> None:
             EXAMPLE["Bridge"](mjsheaf.load_scenario(EXAMPLE["SCENARIO"]), first_port=port)
 
 
-def test_targets_are_no_vehicles_of_an_autopilot() -> None:
-    target = {"id": "T", "position": [9, 9, 9], "motion": {"kind": "static"}}
-    scenario = mjsheaf.load_scenario(EXAMPLE["SCENARIO"] | {"targets": [target], "sensing": [["D1", "T"]]})
-    bridge = EXAMPLE["Bridge"](scenario, first_port=0)
-    pilots = Autopilots(bridge)
-    assert len(json.loads(pilots.period(*[frame_of(0)] * 3)[2])["position"]) == 3
-    bridge.close()
-
-
 def test_a_silent_autopilot_is_named(bridge: Any) -> None:
     Autopilots(bridge).send(0, frame_of(1))
     with pytest.raises(TimeoutError, match="D2, B1"):

@@ -35,6 +35,7 @@ from mjsheaf.show.plots import (
 )
 from mjsheaf.show.style import BLUE, RED, FigureOptions, line_style, palette
 from tests.pictures import is_legible, overlaps, written
+from tests.strategies import slow
 
 _BLINDNESS = {
     "none": np.eye(3),
@@ -165,10 +166,7 @@ def plots_of(name: str, overrides: dict[str, Any], options: FigureOptions = Figu
     _plots_of(scenario, scenario.phases, data, bounds, options, lambda *_: None)
 
 
-SIZES = [1, 2, 13, 60, 500]
-
-
-@pytest.mark.parametrize("size", [pytest.param(n, marks=[] if n == 13 else pytest.mark.slow) for n in SIZES])
+@pytest.mark.parametrize("size", [13, *map(slow, (1, 2, 60, 500))])
 def test_plots_of_a_run_are_legible(size: int, drawn: list[Figure]) -> None:
     plots_of("swarm", {"swarm.size": size, "time.end": 1.0})
     assert len(drawn) == 3

@@ -22,8 +22,6 @@ from mjsheaf.scenario.load import find_law, load_controller, same_law
 from tests.builders import LAWS, require, two_boats
 from tests.commands import Capture, answer_of, call, is_refusal
 
-HULLS = {"agents": "hull", "targets": "hull"}
-
 
 @pytest.fixture(scope="module")
 def laws(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -24,15 +24,16 @@ from tests.conftest import draw_nothing
 from tests.page.pages import said_in
 from tests.running import rms_error
 
-THIRD = {"id": "A3", "position": [5, 5]}
-
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs of two boats: ideal, on bodies, at another period and longer, of a larger team, of others, and later."""
     folder = tmp_path_factory.mktemp("runs")
     usual = two_boats("hull", "hull").model_dump(mode="json", exclude_none=True)
-    larger = {"agents": [*usual["agents"], THIRD], "sensing": [[id, "T1"] for id in ("A1", "A2", "A3")]}
+    larger = {
+        "agents": [*usual["agents"], {"id": "A3", "position": [5, 5]}],
+        "sensing": [[id, "T1"] for id in ("A1", "A2", "A3")],
+    }
     others = {
         "agents": [{**a, "id": a["id"].replace("A", "B")} for a in usual["agents"]],
         "communication": [["B1", "B2"]],

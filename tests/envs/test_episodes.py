@@ -38,15 +38,10 @@ def random_scenario(**changes: Any) -> Scenario:
 
 
 class Face:
-    """An environment as all of them are used here.
-
-    Attributes:
-        env: The environment.
-        begins_again: True if a step after the end begins the next episode.
-    """
+    """An environment as all of them are used here."""
 
     engine = "mujoco"
-    begins_again = False
+    begins_again = False  # in a step after the end
 
     def __init__(self, made: Any) -> None:
         self.env = made

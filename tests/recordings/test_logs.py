@@ -134,16 +134,11 @@ def fill(message: Message, k: int) -> Message:
     return message
 
 
-def foxglove_types() -> dict[str, type[Message]]:
-    found: dict[str, type[Message]] = {}
-    for module in pkgutil.iter_modules(foxglove_schemas_protobuf.__path__):
-        if module.name.endswith("_pb2"):
-            loaded = importlib.import_module(f"foxglove_schemas_protobuf.{module.name}")
-            found |= {f"foxglove.{name}": getattr(loaded, name) for name in loaded.DESCRIPTOR.message_types_by_name}
-    return found
-
-
-FOXGLOVE = foxglove_types()
+FOXGLOVE: dict[str, type[Message]] = {}
+for _module in pkgutil.iter_modules(foxglove_schemas_protobuf.__path__):
+    if _module.name.endswith("_pb2"):
+        _loaded = importlib.import_module(f"foxglove_schemas_protobuf.{_module.name}")
+        FOXGLOVE |= {f"foxglove.{name}": getattr(_loaded, name) for name in _loaded.DESCRIPTOR.message_types_by_name}
 
 
 def write_foxglove(path: Path, messages: list[Message], summary: bool = True, start: int = 2 * START) -> str:
