@@ -206,9 +206,6 @@ def test_a_run_in_other_formats_may_be_replaced(tmp_path: Path) -> None:
     assert len(list((tmp_path / "a").glob("*.png"))) == 3
 
 
-# -- the answer in a few lines -----------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_the_answer_is_a_few_lines_with_both_errors(published: tuple[list[str], CompareRecord, Path]) -> None:
     lines, record, _ = published

@@ -20,13 +20,6 @@ from mjsheaf.scenario import Scenario
 from tests.builders import approx, known, list_members, two_boats
 from tests.running import rms_error
 
-EVENTS: list[dict[str, Any]] = [
-    {"time": 1.0, "lose": "A3"},
-    {"time": 2.0, "join": "A3"},
-    {"time": 2.0, "set": {"controller.gain": 2.0}},
-]
-HULLS = {"agents": "hull", "targets": "hull"}
-
 
 def three_boats(**fields: Any) -> Scenario:
     """Two boats in a line, and a third that is lost and joins again."""
@@ -35,7 +28,11 @@ def three_boats(**fields: Any) -> Scenario:
         "agents": list_members(agents),
         "communication": [["A1", "A2"], ["A2", "A3"]],
         "sensing": [[id, "T1"] for id in agents],
-        "events": EVENTS,
+        "events": [
+            {"time": 1.0, "lose": "A3"},
+            {"time": 2.0, "join": "A3"},
+            {"time": 2.0, "set": {"controller.gain": 2.0}},
+        ],
     }
     return two_boats("otter", "hull", **{**usual, **fields})
 
@@ -134,7 +131,7 @@ def test_the_report_has_everything_and_a_row_for_each_phase_and_fits(record: Com
 @pytest.mark.slow
 def test_a_run_that_blows_up_in_a_later_phase_keeps_the_earlier_ones() -> None:
     fast = [{"time": 1.0, "set": {"controller.gain": 500.0}}]
-    record = compare(three_boats(events=fast, vehicles=HULLS)).record
+    record = compare(three_boats(events=fast, vehicles={"agents": "hull", "targets": "hull"})).record
     assert record.rung("all").status == "unstable"
     first, second = record.phases
     assert first.errors["all"]["team"].final.tracking_error is not None

@@ -44,20 +44,19 @@ def test_bodies_with_ideal_thrusters_run_as_without_their_effects() -> None:
 
 
 LAW: dict[str, Any] = {"gain": 1.0, "control_period": 0.02}
-TERMS = {"feedforward": {"rounds": 2}, "newton": {"rounds": 2}, "drift": {}}
 
 
 @pytest.mark.parametrize(
-    ("part", "fields", "plain"),
+    ("part", "fields"),
     [
-        ("links", {"links": {"all": {"noise": 0.3, "loss": 0.2, "delay": 0.02}}}, {}),
-        ("limit", {"controller": {**LAW, "velocity_limit": 0.5}}, {"controller": LAW}),
-        ("terms", {"controller": {**LAW, **TERMS}}, {"controller": LAW}),
+        ("links", {"links": {"all": {"noise": 0.3, "loss": 0.2, "delay": 0.02}}}),
+        ("limit", {"controller": {**LAW, "velocity_limit": 0.5}}),
+        ("terms", {"controller": {**LAW, "feedforward": {"rounds": 2}, "newton": {"rounds": 2}, "drift": {}}}),
     ],
 )
-def test_a_part_has_rungs_without_it(part: str, fields: dict[str, Any], plain: dict[str, Any]) -> None:
+def test_a_part_has_rungs_without_it(part: str, fields: dict[str, Any]) -> None:
     """They are runs of the scenario over perfect links, without a limit or terms, bit for bit; others are with it."""
-    whole, without = (two_boats("otter", "hull", time={"end": 1.0}, **each) for each in (fields, plain))
+    whole, without = (two_boats("otter", "hull", time={"end": 1.0}, **each) for each in (fields, {}))
     ladder = ladder_of(whole.phases)
     assert [rung.key for rung in ladder[-2:]] == [f"ideal-{part}", f"all-{part}"]
     assert [rung.key for rung in ladder[:-2]] == [rung.key for rung in ladder_of(without.phases)]
@@ -69,7 +68,6 @@ def test_a_part_has_rungs_without_it(part: str, fields: dict[str, Any], plain: d
         assert np.abs(own - other).max() > 0.01
 
 
-CONTACTS = {"physics": {"timestep": 0.005, "contacts": True}}
 EFFECTS_OF = {
     "ideal thrusters": (hulls(0.01), []),
     "no autopilot, but slow": (hulls(0.2), ["inertia"]),
@@ -80,7 +78,10 @@ EFFECTS_OF = {
     ),
     "aircraft": (two_aircraft("x500"), ["inertia", "limits", "lag", "underactuation"]),
     "switched off": (with_effects(two_boats("wamv", "hull"), lag=False), ["inertia", "drag_law", "limits"]),
-    "contacts": (two_boats("wamv", "hull", **CONTACTS), ["inertia", "drag_law", "limits", "lag", "contacts"]),
+    "contacts": (
+        two_boats("wamv", "hull", physics={"timestep": 0.005, "contacts": True}),
+        ["inertia", "drag_law", "limits", "lag", "contacts"],
+    ),
 }
 
 
@@ -112,9 +113,6 @@ def test_part_rungs_place_targets_where_the_other_run_had_them() -> None:
     np.testing.assert_allclose(targets["targets"], targets["base"], atol=1e-12)
     np.testing.assert_allclose(targets["agents"], targets["ideal"], atol=1e-12)
     assert np.abs(targets["base"] - targets["ideal"]).max() > 1e-4
-
-
-# -- errors and budgets of curves with a known answer ------------------------------------------------------------------
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -114,7 +114,6 @@ FORMS: dict[str, Variables | tuple[Variables, dict[str, Any], np.ndarray]] = {
     "degrees with metres of their own": {**in_metres(x=("time", 9 * T), y=("time", 9 * T)), **single()},
     "axes ned": (in_metres(x=("time", ROWS[:, 2]), y=("time", ROWS[:, 1]), z=("time", -UP)), {"axes": "ned"}, ROWS),
     "depth": single(z=("time", -UP, {"standard_name": "depth", "units": "m"})),
-    "depth by name alone": single(z=None, depth=("time", -UP, {"units": "m"})),
     "depth that points up": single(z=("time", UP, {"standard_name": "depth", "units": "m", "positive": "up"})),
     "positive down": single(z=("time", -UP * 100, {"units": "cm", "positive": "down"})),
     "no height": (single(z=None), ORIGIN, ROWS[:, :3]),
@@ -122,9 +121,7 @@ FORMS: dict[str, Variables | tuple[Variables, dict[str, Any], np.ndarray]] = {
     "longitudes of another turn": (single(lon=("time", LON - 360.0, EAST)), {"origin": [60.0, 10.0]}, ROWS),
     "radians": single(lat=("time", np.radians(LAT), {**NORTH, "units": "radian"})),
     "days since, another calendar": timed("days since 2026-02-01", 86400.0, calendar="360_day"),
-    "milliseconds since": timed("milliseconds since 1970-01-01", 1e-3),
     "seconds that do not begin at 0": (timed("s", 1.0, shift=10.0), ORIGIN, np.add(ROWS, [10.0, 0.0, 0.0, 0.0])),
-    "hours of the run": timed("hours", 3600.0),
     "other variables": {**single(), "sst": ("time", T), "u": ("time", T, {"standard_name": "eastward_wind"})},
 }
 
@@ -164,7 +161,6 @@ def test_files_of_netcdf_3_are_read(tmp_path: Path) -> None:
     ("variables", "fields", "message"),
     [
         (single(), {"topic": "b", **ORIGIN}, "topic: this kind of file has none"),
-        (single(), {"time": "log", **ORIGIN}, "time: this kind of file has none"),
         (several(), ORIGIN, "topic: missing; expected a, b, c"),
         (several(), {"topic": "d", **ORIGIN}, "topic: there is no 'd'; expected a, b, c"),
         (ragged(), ORIGIN, "topic: missing; expected 11, 12, 13"),

@@ -99,9 +99,6 @@ def test_a_study_file_names_a_law_from_its_own_directory(law: Path, tmp_path: Pa
     assert is_refusal(answer_of("sweep", path, "--out", tmp_path / "t"), "controller", "lies outside")
 
 
-# -- the page ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("kept", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_page_names_the_best_point_and_runs_that_have_not_converged(kept: bool, tmp_path: Path) -> None:
     """The higher gain has the smaller error; after half a second neither has converged. No sentence is long."""

@@ -64,7 +64,6 @@ def test_a_study_file_and_what_is_given_beside_it(tmp_path: Path) -> None:
     [
         ("scenario: nowhere\n", "neither a file nor one of"),
         ("scenario: midpoint\ngird: {a: [1]}\n", "gird: unknown field"),
-        ("scenario: 3\n", "scenario"),
         (
             "scenario: midpoint\ngrid: {controller.gian: [1, 2]}\n",
             "controller.gian: unknown field.*none of 2 points is valid",

@@ -111,7 +111,6 @@ def test_draws_follow_their_distributions() -> None:
         ({"draws": {"count": 2, "values": {"a": {"kind": "integers", "low": 3, "high": 2}}}}, r"high \(2\)"),
         ({"grid": {"a": [1, [10**30]]}}, "number of 31 digits"),
         ({"grid": {"a": [1]}, "labels": {"b": "B (m)"}}, "b is not swept; expected a"),
-        ({"backend": "real"}, "'physics' or 'ideal'"),
         ({"points": [{"a": 1}, {"a": 2}], "names": ["one"]}, "names"),
         ({"points": [{"a": 1}, {"a": 2}], "names": ["one", "one"]}, "names"),
     ],
