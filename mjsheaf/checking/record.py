@@ -230,6 +230,7 @@ _FIXES = {
     4: "as for assumption 2",
 }
 _UNITS = {"gain": " 1/s", "rate": " 1/s", "velocity_limit": " m/s"}  # of fields that a fix sets
+_OFTEN = 0.1  # fraction of the time that a medium must be too fast for a vehicle
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
 
 
@@ -249,25 +250,50 @@ def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
     ]
 
 
-def untried_of(record: CheckRecord, *, largest: float = 7.0 / 16.0 * math.pi) -> list[Problem]:
-    """Return the problems that the analysis leaves undecided and a trial decides.
+def untried_of(record: CheckRecord) -> list[Problem]:
+    """Return the problem that the analysis leaves something undecided that a trial decides; none if it does not."""
+    doubts = list(_doubts(record))
+    if not doubts:
+        return []
+    what, why = doubts[0]
+    return [Problem(kind="untried", what=f"{what}, and the mission was not tried", why=why)]
 
-    These are loops of boats without a linear model, and of slow vehicles over links, if their inertia, delays and
-    losses together give a phase lag at the crossover above `largest`, rad.
+
+def _doubts(
+    record: CheckRecord, *, late: float = 7.0 / 16.0 * math.pi, heard: float = 0.5, slower: float = 1.25
+) -> Iterator[tuple[str, str]]:
+    """Yield what a linear analysis cannot decide, and why.
+
+    Args:
+        record: The record of the analysis.
+        late: Phase lag of inertia, delays and losses together at the crossover, above which a loop over links that are
+            not exact is in doubt, rad.
+        heard: Fraction of the measurements that arrive, below which vehicles brake and speed up all the time.
+        slower: Predicted error on the vehicles over that on ideal kinematics, above which they may not follow.
     """
     parts: list[PartRecord] = [record, *record.phases]
     for part in parts:
         bodies = part.margins.bodies
-        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > largest
+        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > late
         if bodies.stable is None and undecided:
-            return [
-                Problem(
-                    kind="untried",
-                    what="the vehicles' loop is undecided, and the mission was not tried",
-                    why=bodies.reason,
-                )
-            ]
-    return []
+            yield "the vehicles' loop is undecided", bodies.reason
+        arriving = {} if part.links is None else part.links.delivery
+        lost = [name for name, share in arriving.items() if share is not None and share < heard]
+        if lost:
+            yield "most measurements are lost", f"{lost[0]}: {100.0 * (1.0 - (arriving[lost[0]] or 0.0)):.0f} %"
+        speed = {one.agent: one.top_speed for one in part.margins.speed}
+        for one in [] if part.links is None or part.links.noise is None else part.links.noise.agents:
+            if (one.command or 0.0) > speed.get(one.agent, math.inf):
+                why = f"noise makes commands of {one.command:.3g} m/s RMS for {one.agent}"
+                yield f"{one.agent} may not follow commands that noise makes", why
+        if part.safety is not None and part.safety.crossing:
+            first = " and ".join(part.safety.crossing[0])
+            yield "the safety filter may block agents", f"{first} are too close on straight ways to their places"
+        for id, excess in part.disturbance.carried_off.items():
+            yield f"gusts and waves may carry {id} off", f"the medium is up to {excess:.3g} m/s too fast at times"
+    ideal, real = record.steady.ideal, record.steady.bodies
+    if ideal is not None and real is not None and real > max(slower * ideal, 1.0):
+        yield "the vehicles may be too slow", f"{real:.3g} m of error are predicted, {ideal:.3g} m without inertia"
 
 
 def reasons_of(record: CheckRecord) -> list[str]:
@@ -455,7 +481,8 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
         )
     slow = list(_of_slow(part))
     yield from slow
-    carried = part.disturbance.carried_off
+    moved = part.disturbance
+    carried = {id: excess for id, excess in moved.carried_off.items() if moved.too_fast[id] > _OFTEN}
     blown = {id: (wind, most) for id, (wind, most) in part.margins.wind.items() if most is not None and wind > most}
     if blown:
         worst_id, (wind, most) = min(blown.items(), key=lambda item: item[1][1] / item[1][0])
@@ -472,7 +499,8 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
         yield Problem(
             kind="gusts",
             what=f"{and_others(worst_id, len(carried) - 1)} cannot hold against gusts and waves",
-            why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be",
+            why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be, and "
+            f"faster for {100.0 * moved.too_fast[worst_id]:.0f} % of the time",
             fix="a calmer medium, faster vehicles, or a higher velocity_limit if the vehicle allows it",
         )
 

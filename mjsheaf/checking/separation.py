@@ -88,6 +88,10 @@ class SafetyRecord(Record):
     )
     standoff_on_bodies: list[Standoff] = Field(description="the same on bodies, which keep larger distances")
     initial: list[TooClose] = Field(description="pairs that begin too close; the filter drives them apart")
+    crossing: list[list[str]] = Field(
+        description="pairs that get too close for bodies on straight ways to their places at the start, and may block "
+        "one another: with tie_break right_hand, only pairs of which one does not yield"
+    )
     guaranteed: bool = Field(
         description="true if, on ideal kinematics, a pair that keeps its distance never loses it as long as every "
         "agent's constraints are feasible, and no air acts on their hulls on bodies"
@@ -119,6 +123,9 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
     wide = system.separation(system.safety_margins)
     known = not system.team.targets or certificate.constants.path.cells is not None
     ideal, bodies = (standoffs(system, of, arrays, names, times, places) if known else [] for of in (arrays, wide))
+    share = np.linspace(0.0, 1.0, 50)
+    ways = initial + share[:, None, None] * (places[0] - initial)
+    meeting = [one.pair for one in find_too_close(arrays, names, times[0] + share, ways) if one.time > times[0]]
     about = arrays.unsteady + np.linalg.norm(arrays.carried, axis=1)
     moving = system.largest_disturbance + [system.flows[k].kernel_speed for k in system.field]
     return SafetyRecord(
@@ -127,6 +134,7 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
         standoff=ideal,
         standoff_on_bodies=bodies,
         initial=find_too_close(arrays, names, times[:1], initial),
+        crossing=[pair for pair in meeting if not (arrays.right and set(pair) <= set(names[: arrays.agents]))],
         guaranteed=not reasons,
         reasons=reasons,
         range=arrays.reach,

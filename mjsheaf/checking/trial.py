@@ -7,6 +7,7 @@ vehicle-steps.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,7 @@ _JUDGED = (
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
 _FAR_BY = 1.0  # m: errors and motions that count
+_DEPTH = 0.1  # m below the surface, at which an aircraft has fallen
 
 
 class TrialProblem(Record):
@@ -117,7 +119,9 @@ def try_mission(
     finished = data.attrs["status"] == "finished"
     late = late_errors(phases[0].system.team, data)["tracking_error"]
     stuck = [one for one in find_stuck(phases, data) if one.at_end] if finished else []
-    problems = list(_problems(scenario, phases, run, _away(stuck, data)))
+    problems = list(_problems(scenario, phases, run, stuck))
+    if finished and not problems:
+        problems += _held_up(scenario, phases, data, progress)
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
     return TrialRecord(
@@ -142,27 +146,20 @@ def _refused(error: Exception) -> TrialRecord:
     )
 
 
-def _away(
-    stuck: Sequence[Stuck],
-    data: xr.Dataset,
-    *,
-    behind: float = 0.5,
-    share: float = 0.1,
-) -> list[Stuck]:
-    """Return the stuck agents that are away from their places.
+def _away(data: xr.Dataset, *, behind: float = 0.5, share: float = 0.1) -> Array:
+    """Return the error above which each agent is away from its place, m, shape (N,).
 
     One that has come within half a metre, and within a tenth of its largest error, has done its way: it rests where its
-    vehicle cannot follow the small commands that are left, as a boat that cannot go astern. The tenth is for small
-    teams and for agents that never got under way, which are stuck however near they are.
+    vehicle cannot follow the small commands that are left, as a boat that cannot go astern, or where the safety filter
+    keeps it. The tenth is for small teams and for agents that never got under way, which are away however near they
+    are.
 
     Args:
-        stuck: Agents that are stuck at the end.
         data: The run.
         behind: Error above which an agent is away, m; that of agents that fall behind in `record._of_slow`.
         share: Fraction of its largest error, above which it is, too.
     """
-    largest = data["tracking_error"].max("time").values
-    return [one for one in stuck if one.error > min(behind, share * largest[one.agent])]
+    return np.minimum(behind, share * np.nan_to_num(data["tracking_error"].values).max(axis=0))
 
 
 class _Run(NamedTuple):
@@ -217,7 +214,7 @@ def _problems(
     scenario: Scenario,
     phases: Sequence[Phase],
     run: _Run,
-    stuck: Sequence[Stuck],
+    resting: Sequence[Stuck],
     *,
     closer: float = 1.1,
     rounding: float = 1e-6,
@@ -228,7 +225,7 @@ def _problems(
         scenario: The scenario.
         phases: Its phases.
         run: The run.
-        stuck: Agents that do not move at its end, far from their places.
+        resting: Agents that do not move at its end.
         closer: A pair fails if its shortfall in distance exceeds this times its shortfall at the start.
         rounding: Error of distances, m.
     """
@@ -247,9 +244,11 @@ def _problems(
             yield TrialProblem(kind="too_close", text=text, agent=pair[0], time=worst.time, number=-worst.gap)
             break
     off = np.nan_to_num(data["tracking_error"].values[-1])
-    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else [])
+    least = _away(data)
+    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else []) & (off > least)
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
+    stuck = [one for one in resting if one.error > least[one.agent]]
     if stuck:
         first = team.agent_ids[stuck[0].agent]
         text = (
@@ -270,12 +269,14 @@ def _problems(
         away = np.where(whole.waiting.holds[N:], np.linalg.norm(places - whole.waiting.position[N:], axis=1), 0.0)
         words = "fixed, and carried off: {name} is {number:.3g} m from its place, which its vehicle cannot hold"
         yield from _failing("target", team.target_ids, away > _FAR_BY, away, end, words)
-    height = system.bodies.surface_height
-    heights = np.nan_to_num(last["agent_height"].values[-1], nan=height)
-    flying = ~system.planar[: len(heights)] & (system.initial[: len(heights), 2] > height)
-    fallen = np.where(flying & (system.bodies.surface != "none"), height - heights, 0.0)
+    depth = np.nan_to_num(system.bodies.surface_height - data["agent_height"].values)
+    flying = ~whole.planar[: depth.shape[1]] & (depth[0] < 0.0)
+    present = np.isfinite(data["tracking_error"].values)  # one that is lost falls
+    depth = np.where(flying & present & (system.bodies.surface != "none"), depth, 0.0)
+    deepest = depth.max(axis=0)
+    when = float(data["time"][int(depth.max(axis=1).argmax())])
     words = "below the surface at t = {time:.6g} s: {name} by {number:.3g} m"
-    yield from _failing("fallen", system.team.agent_ids, fallen > _FAR_BY, fallen, end, words)
+    yield from _failing("fallen", team.agent_ids, deepest > _DEPTH, deepest, when, words)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
         for check in check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]:
@@ -354,7 +355,7 @@ def _diverging(
     speeds = [np.linalg.norm(np.diff(q, axis=0), axis=2).mean(axis=0) for q in np.array_split(q_star, 4)]
     runs_away &= speeds[3] <= speeds_up * speeds[2]  # else the error follows the target
     at_limit = limited > _OFTEN
-    failed = at_limit & grown | runs_away
+    failed = at_limit & grown & (fourth > _away(last, behind=_FAR_BY)) | runs_away
     words = (
         "left behind: the mean error of {name} grows from {middle:.3g} m about the middle to {number:.3g} m in the "
         "last quarter, up to t = {time:.6g} s"
@@ -368,13 +369,61 @@ def _diverging(
     )
 
 
+def _held_up(
+    scenario: Scenario,
+    phases: Sequence[Phase],
+    data: xr.Dataset,
+    progress: Callable[[int, int], None] | None,
+    *,
+    least: float = 0.1,
+    share: float = 0.3,
+    nearer: float = 0.15,
+) -> Iterator[TrialProblem]:
+    """Yield agents that the safety filter holds up in the last quarter, away from their places, without an approach.
+
+    A filter that acts does not hold an agent up by itself: one more run, without it, shows how far off it is then.
+
+    Args:
+        scenario: The scenario.
+        phases: Its phases.
+        data: The run.
+        progress: Called with the samples done and the number of samples.
+        least: Mean change of commands below which the filter does not hold an agent up, m/s.
+        share: That change over the mean speed that is left of the commands, below which it does not, either.
+        nearer: Fraction of the mean error, and at least `_FAR_BY`, that must be missing without the filter.
+    """
+    system, last = of_phase(phases, data, -1)
+    if "safety_correction" not in last or last.sizes["time"] < _MIN_SAMPLES:
+        return
+    quarters = _of_quarters(last)
+    off = quarters[3]
+    end = last.isel(time=slice(-(last.sizes["time"] // 4), None))
+    changed = end["safety_correction"].mean("time").values
+    failed = (changed > np.maximum(least, share * _by_second(end, np.zeros(3))[0].mean(axis=0))) & (off > 1.5 * _FAR_BY)
+    failed &= ~_are_approaching(quarters)
+    if not failed.any():
+        return
+    free = [replace(phase, system=replace(phase.system, safety=None)) for phase in phases]
+    without = _run(scenario, free, progress).data
+    if without.attrs["status"] != "finished":
+        return
+    left = _of_quarters(of_phase(free, without, -1)[1])[3]
+    words = (
+        "held up: the safety filter changes commands of {name} by {changed:.3g} m/s in the last quarter, up to "
+        "t = {time:.6g} s, where it is {number:.3g} m off, and {left:.3g} m without the filter"
+    )
+    failed &= off - left > np.maximum(_FAR_BY, nearer * off)
+    ids, until = system.team.agent_ids, float(last["time"][-1])
+    yield from _failing("deadlock", ids, failed, off, until, words, changed=changed, left=left)
+
+
 def _without_headway(
     system: System,
     last: xr.Dataset,
     *,
     least: float = 0.1,
     headway: float = 0.15,
-    share: float = 0.65,
+    share: float = 0.7,
 ) -> Iterator[TrialProblem]:
     """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
@@ -395,7 +444,7 @@ def _without_headway(
     commanded, towards = size.mean(axis=0), along.mean(axis=0)
     idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & ~_are_approaching(quarters)
     part = (along * size).sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
-    short = (part < share) & (fourth > 3.0 * _FAR_BY) & (fourth > third)
+    short = (part < share) & (fourth > 2.8 * _FAR_BY) & (fourth > 0.98 * third)
     failed = (commanded > least) & (idle | short)
     words = (
         "without headway: {name} is commanded {commanded:.3g} m/s and makes {towards:.3g} m/s of it, {number:.3g} m "

@@ -105,8 +105,7 @@ def _stay_behind(record: dict[str, Any], run: xr.Dataset) -> bool:
     last = (record["phases"] or [record])[-1]
     foreseen = {each["agent"]: each["deficit"] or 0.0 for each in last["margins"]["speed"]}
     late = run.isel(time=run["time"].values >= 0.75 * run["time"].values[-1])
-    error = np.linalg.norm(late["agent_position"].values - late["harmonic_extension"].values, axis=2).mean(axis=0)
-    found = dict(zip(map(str, run["agent"].values), error, strict=True))
+    found = dict(zip(map(str, run["agent"].values), late["tracking_error"].values.mean(axis=0), strict=True))
     slow = {agent: distance for agent, distance in foreseen.items() if distance > 0.5}
     return bool(slow) and all(found[agent] > 0.5 * distance for agent, distance in slow.items())
 

@@ -66,13 +66,15 @@ class SpeedDemand(Record):
         description="forward speed; steady speed of its body through the medium at full thrust forward; null: "
         "unlimited thrusters"
     )
+    able_most: Finite = Field(
+        description="top speed; steady speed of its body through the medium in the horizontal direction in which it is "
+        "fastest; null: unlimited thrusters"
+    )
 
     @property
     def top_speed(self) -> float:
         """Top speed of its vehicle, m/s; infinite if its thrusters have no limits."""
-        if self.able is None or self.able_forward is None:
-            return math.inf
-        return max(self.able, self.able_forward)
+        return math.inf if self.able_most is None else self.able_most
 
     @property
     def limited(self) -> bool:
@@ -165,8 +167,7 @@ def _slow_targets(system: System, certificate: Certificate) -> dict[str, tuple[f
         return {}
     along = np.gradient(path.positions[:, N:], path.time, axis=0)
     flow = np.array([mean_flow(system.medium, v, 0.0, path.positions[:, v]) for v in range(N, N + len(held))])
-    able = [vehicle.capability for vehicle in system.vehicles[N:]]
-    top = np.array([max(one.forward_speed, one.least_speed) for one in able])
+    top = np.array([vehicle.capability.top_speed for vehicle in system.vehicles[N:]])
     taken = np.linalg.norm(np.where(np.isfinite(flow), along.transpose(1, 0, 2) - flow, 0.0), axis=2)
     late = path.time >= path.time[0] + 0.75 * (path.time[-1] - path.time[0])
     return {
@@ -194,8 +195,8 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
     """Compute the required speeds of agents, at the start or along q*, the largest fraction of their limit first."""
     team = system.team
     agents = system.vehicles[: len(team.agents)]
-    able = np.array([vehicle.capability.least_speed for vehicle in agents])
-    forward = np.array([vehicle.capability.forward_speed for vehicle in agents])
+    able = [vehicle.capability for vehicle in agents]
+    top = np.array([one.top_speed for one in able])
     path = certificate.constants.path
     difference = certificate.constants.difference
     relative = difference.values + difference.shaken  # f_B + H^-1 B omega
@@ -208,21 +209,22 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
         relative = above - own + shaken if path.cells is not None else np.full_like(above, np.nan)
     time, carried = path.time, team.unpack(relative)  # f_q(q*) - q*' there, shape (T, N, 3), m/s
     steady = np.linalg.norm(carried, axis=2).max(axis=0)
-    behind = _behind(time, carried, np.minimum(system.law.limit[: len(team.agents)], np.maximum(able, forward)))
+    behind = _behind(time, carried, np.minimum(system.law.limit[: len(team.agents)], top))
     deficit = behind[time >= time[0] + 0.75 * (time[-1] - time[0])].min(axis=0)
     asked = system.gain * np.linalg.norm(disagreement(system.law, system.initial)[: len(team.agents)], axis=1)
     limits = system.law.limit[: len(asked)]
-    most = np.fmax(asked, steady)  # a singular field leaves no steady speed
-    order = np.argsort(-most / np.where(np.isfinite(limits), limits, 1e300), kind="stable")[:MOST_ROWS]
+    demanded = np.fmax(asked, steady)  # a singular field leaves no steady speed
+    order = np.argsort(-demanded / np.where(np.isfinite(limits), limits, 1e300), kind="stable")[:MOST_ROWS]
     return [
         SpeedDemand(
             agent=team.agents[i].id,
             asked=asked[i],
             limit=limits[i],
             steady=steady[i],
-            able=able[i],
+            able=able[i].least_speed,
             deficit=deficit[i],
-            able_forward=forward[i],
+            able_forward=able[i].forward_speed,
+            able_most=able[i].top_speed,
         )
         for i in order.tolist()
     ]

@@ -43,6 +43,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 from scipy import linalg
+from scipy.special import chndtr
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import (
@@ -323,6 +324,9 @@ class DisturbanceRecord(Record):
         description="agents that cannot hold station at times: excess of the medium's speed, its mean plus twice its "
         "RMS, over the vehicle's steady speed in its slowest direction, m/s",
     )
+    too_fast: dict[str, float] = Field(
+        {}, description="fraction of the time that the medium is faster than that speed, of the same agents"
+    )
     clipped: dict[str, float] = Field(
         {},
         description="vehicles that begin below or above the altitudes for which the model of the gusts holds: altitude "
@@ -412,7 +416,8 @@ def predict_rms(
         gusts, height = system.flows[field].gusts, float(place[2]) - system.bodies.surface_height
         if gusts is not None and isinstance(gusts.altitude, str) and gusts.altitude_of(height) != height:
             clipped[id] = gusts.altitude_of(height)
-    known = {"carried_off": _carried_off(system, medium), "clipped": clipped}
+    carried_off, too_fast = _carried_off(system, medium)
+    known = {"carried_off": carried_off, "too_fast": too_fast, "clipped": clipped}
     try:
         _require_known(system)
         _require_one_side(system)
@@ -444,8 +449,12 @@ def predict_rms(
     )
 
 
-def _carried_off(system: System, medium: Array) -> dict[str, float]:
-    """Return the excess of the medium's speed, m/s, for each agent for which it is too fast at times."""
+def _carried_off(system: System, medium: Array) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the agents for which the medium is too fast at times: by how much, m/s, and for which part of the time.
+
+    The part that changes is taken to be normal, with half of its variance along each horizontal axis. The square of the
+    speed, over that half, then has the noncentral chi-squared distribution of two degrees of freedom.
+    """
     variance = np.zeros(len(system.field))
     for number, flow in enumerate(system.flows):
         if flow.waves is not None:
@@ -455,13 +464,16 @@ def _carried_off(system: System, medium: Array) -> dict[str, float]:
         variance[gusts.met > 0] += 2.0 * np.square(gusts.filter.output[:, 0, 0])
     for frozen in of_kind(system.moving, FrozenArrays):
         variance += 2.0 * frozen.filter.output[0, 0, 0] ** 2 * (frozen.met > 0)
-    found = {}
+    excess, fraction = dict[str, float](), dict[str, float]()
     for i, id in enumerate(system.team.agent_ids):
         able = min(system.vehicles[i].capability.least_speed, float(system.law.limit[i]))
-        excess = float(np.linalg.norm(medium[i])) + 2.0 * float(np.sqrt(variance[i])) - able
-        if excess > 0.0:
-            found[id] = excess
-    return found
+        mean, half = float(np.linalg.norm(medium[i])), 0.5 * float(variance[i])
+        over = mean + 2.0 * math.sqrt(variance[i]) - able
+        if over > 0.0:
+            excess[id] = over
+            varies = half > 1e-4 * mean**2  # `chndtr` is for moderate ratios
+            fraction[id] = 1.0 - float(chndtr(able**2 / half, 2.0, mean**2 / half)) if varies else float(mean > able)
+    return excess, fraction
 
 
 def _require_known(system: System) -> None:
