@@ -230,7 +230,7 @@ _FIXES = {
     4: "as for assumption 2",
 }
 _UNITS = {"gain": " 1/s", "rate": " 1/s", "velocity_limit": " m/s"}  # of fields that a fix sets
-_OFTEN = 0.1  # fraction of the time that a medium must be too fast for a vehicle
+_OFTEN = 0.5  # fraction of the time that a medium must be too fast to carry a vehicle off
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
 
 
@@ -289,8 +289,10 @@ def _doubts(
         if part.safety is not None and part.safety.crossing:
             first = " and ".join(part.safety.crossing[0])
             yield "the safety filter may block agents", f"{first} are too close on straight ways to their places"
-        for id, excess in part.disturbance.carried_off.items():
-            yield f"gusts and waves may carry {id} off", f"the medium is up to {excess:.3g} m/s too fast at times"
+        moved = part.disturbance
+        for id in (id for id, often in moved.too_fast.items() if often <= _OFTEN):
+            why = f"the medium is up to {moved.carried_off[id]:.3g} m/s too fast at times"
+            yield f"gusts and waves may carry {id} off", why
     ideal, real = record.steady.ideal, record.steady.bodies
     if ideal is not None and real is not None and real > max(slower * ideal, 1.0):
         yield "the vehicles may be too slow", f"{real:.3g} m of error are predicted, {ideal:.3g} m without inertia"

@@ -244,10 +244,10 @@ def _problems(
             yield TrialProblem(kind="too_close", text=text, agent=pair[0], time=worst.time, number=-worst.gap)
             break
     off = np.nan_to_num(data["tracking_error"].values[-1])
-    least = _away(data)
-    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else []) & (off > least)
+    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else []) & (off > _away(data, behind=_FAR_BY))
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
+    least = _away(data)
     stuck = [one for one in resting if one.error > least[one.agent]]
     if stuck:
         first = team.agent_ids[stuck[0].agent]

@@ -23,8 +23,8 @@ MISSIONS = 300
 MAX_CONTRADICTED = 0.05
 """Fraction of the missions OK by analysis alone whose runs may fail."""
 MAX_FALSE_ALARMS = 0.1
-"""Fraction of the missions whose runs are fine that may be NOT OK for other reasons than a team or loop that fails, or
-agents that stay behind as foreseen."""
+"""Fraction of the missions whose runs are fine, and as foreseen, that may be NOT OK for other reasons than a team or
+loop that fails, or agents that stay behind as foreseen."""
 
 
 class Judged(NamedTuple):
@@ -210,6 +210,12 @@ def test_the_oracle_tells_growth_from_a_rise_that_something_drives(error, turn, 
         # A drone at its velocity limit half of the time, as far off without it; a boat that circles in a tight turn,
         # with errors that rise and fall.
         *(pytest.param(seed, ok, marks=pytest.mark.slow) for seed, ok in [(1_010_263, True), (1_020_076, False)]),
+        # A filter that holds a drone up over links that lose most, a boat that falls short by little, a drone that dips
+        # below the surface in a gust; a filter that keeps a boat 0.2 m off, and an error that grows to 0.8 m.
+        *(
+            pytest.param(seed, ok, marks=pytest.mark.slow)
+            for seed, ok in [(30_067, False), (30_287, False), (30_071, False), (30_046, True), (1_010_174, True)]
+        ),
     ],
 )
 def test_missions_that_fail_are_told_from_those_that_work(seed, ok):
@@ -230,6 +236,6 @@ def test_ok_means_that_a_mission_works():
     ok = [each for each in judged if not each.problems]
     contradicted = [str(each) for each in ok if each.failure]
     assert len(contradicted) <= MAX_CONTRADICTED * len(ok), contradicted
-    fine = [each for each in judged if not each.failure and not each.proven]
+    fine = [each for each in judged if not (each.failure or each.unforeseen or each.proven)]
     alarms = [str(each) for each in fine if not each.ok]
     assert len(alarms) <= MAX_FALSE_ALARMS * len(fine), alarms
