@@ -251,16 +251,15 @@ def problems_of(part: PartRecord, *, stable: bool) -> list[Problem]:
 
 
 def untried_of(record: CheckRecord) -> list[Problem]:
-    """Return the problem that the analysis leaves something undecided that a trial decides; none if it does not."""
-    doubts = list(_doubts(record))
-    if not doubts:
-        return []
-    what, why = doubts[0]
-    return [Problem(kind="untried", what=f"{what}, and the mission was not tried", why=why)]
+    """Return what the analysis leaves undecided and a trial decides, as problems."""
+    return [
+        Problem(kind="untried", what=f"{what}, and the mission was not tried", why=why)
+        for what, why in dict.fromkeys(_doubts(record))
+    ]
 
 
 def _doubts(
-    record: CheckRecord, *, late: float = 7.0 / 16.0 * math.pi, heard: float = 0.5, slower: float = 1.25
+    record: CheckRecord, *, late: float = 7.0 / 16.0 * math.pi, heard: float = 0.5, slower: float = 1.1
 ) -> Iterator[tuple[str, str]]:
     """Yield what a linear analysis cannot decide, and why.
 
@@ -268,7 +267,7 @@ def _doubts(
         record: The record of the analysis.
         late: Phase lag of inertia, delays and losses together at the crossover, above which a loop over links that are
             not exact is in doubt, rad.
-        heard: Fraction of the measurements that arrive, below which vehicles brake and speed up all the time.
+        heard: Fraction of the measurements that arrive, below which means over time say little about a run.
         slower: Predicted error on the vehicles over that on ideal kinematics, above which they may not follow.
     """
     parts: list[PartRecord] = [record, *record.phases]
@@ -277,10 +276,13 @@ def _doubts(
         undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > late
         if bodies.stable is None and undecided:
             yield "the vehicles' loop is undecided", bodies.reason
-        arriving = {} if part.links is None else part.links.delivery
-        lost = [name for name, share in arriving.items() if share is not None and share < heard]
-        if lost:
-            yield "most measurements are lost", f"{lost[0]}: {100.0 * (1.0 - (arriving[lost[0]] or 0.0)):.0f} %"
+        shares = {} if part.links is None else part.links.delivery
+        arriving = min((share for share in shares.values() if share is not None), default=1.0)
+        lost = f"links lose {100.0 * (1.0 - arriving):.0f} % of the measurements"
+        if arriving < heard:
+            yield "most measurements are lost", lost
+        if arriving < 1.0 and part.margins.turning:
+            yield f"{part.margins.turning[0]} may not turn as fast as its commands change", lost
         speed = {one.agent: one.top_speed for one in part.margins.speed}
         for one in [] if part.links is None or part.links.noise is None else part.links.noise.agents:
             if (one.command or 0.0) > speed.get(one.agent, math.inf):

@@ -45,6 +45,7 @@ PILLAR = {"kind": "sphere", "centre": [0.0, 0.0, 0.0], "radius": 1.0}
         (hunt(), ""),
         (hunt(links={"all": {"loss": 0.5}}), ""),
         (hunt(links={"all": {"loss": 0.6}}), "most measurements are lost"),
+        (hunt("otter", links={"all": {"loss": 0.1}}), "A may not turn as fast as its commands change"),
         (hunt("wamv", CIRCLE, controller={"gain": 1.2, "control_period": 0.02}), "the vehicles may be too slow"),
         (hunt("hull", CIRCLE, controller={"gain": 1.2, "control_period": 0.02}), ""),
         (

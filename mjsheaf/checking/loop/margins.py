@@ -111,6 +111,7 @@ class Margins(Record):
         description="agents on which wind acts: mean wind above them, relative to their places, and the largest wind "
         "from there in which actuators and velocity limit hold them, m/s; null: not known, or above 200 m/s",
     )
+    turning: list[str] = Field([], description="boats that turn to where they are commanded, at a hand point: ids")
     falling: dict[str, str] = Field(
         {}, description="agents whose vehicle turns over and falls once it leans to its limit: why, with numbers"
     )
@@ -138,6 +139,7 @@ def margins(system: System, certificate: Certificate) -> Margins:
         one_sided=one_sided,
         slow_targets=_slow_targets(system, certificate),
         wind=_wind_margins(system, certificate),
+        turning=[agent.id for agent, own in zip(system.team.agents, agents, strict=True) if own.steering.hand > 0.0],
         falling=falling,
     )
 
