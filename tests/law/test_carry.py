@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from mjsheaf import load_scenario, simulate
-from mjsheaf.law.law import carry, evaluate_law, new_memory
+from mjsheaf.law.law import carry, edges_kept, evaluate_law, new_memory
 from mjsheaf.loop.system import Phase
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -171,6 +171,19 @@ def test_only_agents_whose_edges_change_wait_before_they_extrapolate() -> None:
         if n == 13:
             np.testing.assert_allclose(memory.terms.rate[rows], now.law.edges.F_tail[rows] @ speed, rtol=0, atol=1e-9)
         x[4] += 0.05 * speed
+
+
+def test_edges_are_known_again_by_their_ends_and_maps() -> None:
+    """Parallel edges by their order; one with other maps, or of another size, is another edge."""
+    scenario = following([], {})
+    raw = scenario.model_dump(mode="json", exclude_none=True)
+    one_row = {"tail": [[1.0, 0.0]], "head": [[1.0, 0.0]]}
+    double = {"tail": (2 * np.eye(3)).tolist(), "head": np.eye(3).tolist()}
+    raw["communication"] = [["B1", "D0"], ["B0", "B1"], {"between": ["B0", "B1"], "map": one_row}]
+    raw["sensing"] = [{"between": ["D0", "T0"], "map": double}, {"between": ["B0", "T0"], "weight": 3.0}, ["Z9", "T0"]]
+    old, new = (each.system.law.edges for each in (scenario, load_scenario(raw)))
+    assert edges_kept(old, new)[0].tolist() == [1, 0, -1, -1, 3, 4]
+    assert edges_kept(new, new)[0].tolist() == [*range(6)]
 
 
 def test_feedforward_that_begins_again_waits_before_it_extrapolates() -> None:

@@ -172,6 +172,35 @@ def test_commands_of_a_run_are_those_of_a_quadratic_program(seed: int, dimension
         np.testing.assert_allclose(commands[k, v, :dimension], u, atol=1e-10)
 
 
+@pytest.mark.long
+def test_what_is_too_far_to_matter_changes_no_bit() -> None:
+    """Unlike speeds, lost agents, targets and media: with no vehicle skipped the commands and causes are the same."""
+    raw, rng, skipped = swap(36, distance=1.0, range=9.0, authority="by_speed"), np.random.default_rng(4), 0
+    for agent, limit in zip(raw["agents"], rng.uniform(0.5, 3.0, 36).tolist(), strict=True):
+        agent["velocity_limit"] = limit
+    swing = {"kind": "lissajous", "amplitude": [0.2, 0.1, 0.0], "rate": [1.0, 2.0, 1.0]}
+    raw["targets"] = [{"id": f"T{k}", "position": [k, 0, 5], "motion": swing} for k in range(4)]
+    vortex = {"dimension": 3, "core": 3.0, "vortices": [{"centre": [0, 0, 0], "axis": [0, 0, 1], "gamma": 0.5}]}
+    raw |= {"flow": {"agents": vortex}, "disturbance": {"agents": {"bound": 0.05}}}
+    raw["events"] = [{"time": 1.0, "lose": f"A{k}"} for k in (3, 17, 30)]
+    law = load_scenario(raw).phases[-1].system.control.law
+    for rate in np.geomspace(0.3, 10.0, 40):
+        near = law.safety._replace(rate=rate)
+        places, commands = rng.uniform(-6.0, 6.0, (40, 3)), rng.normal(size=(40, 3)) * rng.choice([0.1, 1, 9], (40, 1))
+        found = []
+        for safety in (near, near._replace(closing=np.full(40, np.inf))):
+            memory = new_memory(law._replace(safety=safety), 40)
+            memory.command[:] = commands
+            keep_apart(safety, law.limit, 0.0, places, memory)
+            found.append(memory.command.tobytes() + memory.safety.found.tobytes())
+        assert found[0] == found[1]
+        settled = (near.closing + np.linalg.norm(commands, axis=1) * near.burden) / rate
+        settled += np.hypot(settled, near.radius + near.widest)
+        away = np.linalg.norm(places[:, None] - places, axis=-1) + 99.0 * np.eye(40)
+        skipped += int((near.yields & (away.min(axis=1) > settled)).sum())
+    assert skipped > 100
+
+
 @pytest.mark.parametrize("backend", ["ideal", pytest.param("physics", marks=pytest.mark.slow)])
 def test_where_it_never_acts_the_run_is_the_same_to_the_bit(backend: str) -> None:
     raw = swap()

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from mjsheaf import load_scenario, simulate
+from mjsheaf import World, load_scenario, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.errors import InputError
 from mjsheaf.law.in_python import Agent, Controller, LocalSample, PerAgent
 from mjsheaf.law.law import ControlArrays, Memory, evaluate_law, new_memory
 from mjsheaf.law.terms import contraction, solve
+from mjsheaf.loop.session import Session
 from mjsheaf.loop.system import Phase, System, phases_of
 from mjsheaf.runs.simulate import stream
 from mjsheaf.scenario import Scenario
@@ -569,6 +570,23 @@ def test_drift_on_bodies_is_that_of_the_medium_about_them() -> None:
     wanted = -3.0 * np.nan_to_num(data["disagreement_vector"].values) - drift
     np.testing.assert_allclose(np.nan_to_num(data["velocity_command"].values), wanted, rtol=0, atol=1e-12)
     assert np.abs(drift).max() > 0.1
+
+
+def test_a_sample_that_is_taken_twice_counts_once() -> None:
+    """Also where the observer takes from the displacement what the command before explains."""
+    law = {"gain": 8.0, "control_period": 0.01, **ALL, "odometry": {"noise": 1e-3}}
+    scenario = mixed_scenario(time={"end": 0.1}, controller=law)
+    asked, plain = World(scenario), World(scenario)
+    for _ in range(50):
+        asked.close_loop()
+        asked.close_loop()
+        asked.step()
+    plain.step(50)
+    np.testing.assert_array_equal(asked.get_state(), plain.get_state())
+    engine = Session(scenario, "ideal").engine
+    (piece,) = engine.record(100)
+    for _ in range(2):
+        np.testing.assert_array_equal(engine.observe().command, piece.log.command[-1, :3])
 
 
 # -- what agents send --------------------------------------------------------------------------------------------------
