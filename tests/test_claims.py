@@ -101,6 +101,7 @@ def test_the_text_of_the_paper_and_the_published_run(simulated: Simulated) -> No
         assert agrees(disagreement[k + 1], final["mean_disagreement"])
         assert agrees(tracking[k + 1], late_error(runs[k]))
         assert agrees(centering[k + 1], final["centering_error"])
+    assert 7.2 < finals[0]["centering_error"] < 7.4  # "up to 7.3 m from their targets"
     flow, width = published["flow"], text["flow"]["targets"]["channels"][0]["width"]
     wide = {kind: [{**field["channels"][0], "width": width}, field["channels"][1]] for kind, field in flow.items()}
     changes: list[dict[str, Any]] = [

@@ -304,7 +304,7 @@ def test_every_scenario_runs_as_on_mujoco(name: str) -> None:
     scenario = load_scenario(name, {"physics.contacts": False})
     if scenario.expect.refused is None:
         # The filter replaces commands at once where vehicles meet, and a symmetric team amplifies what rounding leaves.
-        assert apart(*both(scenario)) < (1e-8 if scenario.safety is None else 1e-5)
+        assert apart(*both(scenario)) < (1e-8 if scenario.safety is None else 1e-6 if name == "narrow_gate" else 1e-5)
         return
     with refused(MjsheafError) as caught:
         simulate(scenario, engine="fused")

@@ -13,7 +13,7 @@ from mjsheaf import load_scenario, simulate
 from mjsheaf.scenario import Scenario
 from tests.builders import REPOSITORY, Simulated
 from tests.running import analyse
-from tests.test_claims import agrees
+from tests.test_claims import agrees, late_error
 
 BEFORE, JUMP = 15.0, 5.0  # s
 LINKS = load_scenario("noisy_harbour").links.model_dump(mode="json", exclude_none=True)
@@ -82,6 +82,29 @@ def test_check_says_of_scenarios_over_links_what_their_comments_say() -> None:
     assert noise["command"] == pytest.approx(2.4, abs=0.05)
 
 
+NEWTON = {"controller.gain": 10, "controller.newton.rounds": 2}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "changes", "shown"),
+    [
+        ("paper_delay", {}, "9.99"),
+        ("paper_delay", {"controller.gain": 10}, "unstable"),
+        ("paper_delay", NEWTON, "2.01"),
+        ("paper_half_lost", {}, "7.04"),
+        ("paper_half_lost", {"links.all.hold": 0.05}, "4.01"),
+        ("paper_half_lost", {"links.all.loss": 0.9}, "14.3"),
+    ],
+)
+def test_links_do_on_ideal_kinematics_what_they_do_on_bodies(name: str, changes: dict[str, Any], shown: str) -> None:
+    scenario = load_scenario(name, changes)
+    if shown == "unstable":
+        assert all(simulate(scenario, each).attrs["status"] == "unstable" for each in ("ideal", "physics"))
+    else:
+        assert agrees(shown, late_error(simulate(scenario, "ideal")))
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("backend", ["ideal", "physics"])
 def test_the_swarm_is_carried_off_in_the_shadow_and_comes_back(backend: str, simulated: Simulated) -> None:
@@ -92,3 +115,13 @@ def test_the_swarm_is_carried_off_in_the_shadow_and_comes_back(backend: str, sim
     assert back < 1.1 * before
     silent = 1.0 - float(data["delivery"].mean())  # ten of eleven in the shadow, a quarter of the run
     assert silent == pytest.approx(10 / 44, abs=0.01)
+
+
+def test_the_gate_is_narrower_than_the_formation() -> None:
+    scenario = gate()
+    assert scenario.safety
+    one, other = (tower.model_dump() for tower in scenario.safety.obstacles)
+    gap = abs(one["ends"][0][1] - other["ends"][0][1]) - 2 * one["radius"]
+    teams = [phase.system.team for phase in scenario.phases]
+    width = [np.ptp([team.displacement[agent][1] for agent in team.agent_ids]) for team in teams]
+    assert width[0] > gap > width[2] + 2 * 4.2  # with the distance, and the margin of an Otter, on both sides
