@@ -4,6 +4,7 @@ Oracle: one world alone.
 """
 
 import gc
+from concurrent.futures import ThreadPoolExecutor
 
 import psutil
 import pytest
@@ -28,6 +29,11 @@ def test_a_world_that_blew_up_leaves_the_others_alone() -> None:
         wild.step(100)
     assert bits(other) == alone
     assert bits() == alone
+
+
+def test_worlds_on_two_threads() -> None:
+    with ThreadPoolExecutor(2) as pool:
+        assert {*pool.map(lambda _: bits(), range(6))} == {bits()}
 
 
 @pytest.mark.long

@@ -14,6 +14,7 @@ import pytest
 
 pytest.importorskip("dm_control")  # has no build for the newest Pythons
 
+from gymnasium.vector import AsyncVectorEnv
 
 from mjsheaf import Session, simulate
 from mjsheaf.arrays import Array
@@ -326,6 +327,20 @@ def test_agents_that_have_ended_need_no_action_and_may_have_one() -> None:
     team.step({"boat": np.zeros(2)})
     with refused(InputError, "unknown agent 'ship'"):
         team.step({"ship": np.zeros(2)})
+
+
+@pytest.mark.long
+def test_environments_travel_to_other_processes() -> None:
+    """Processes that begin afresh are handed pickles."""
+    scenario = random_scenario()
+    make, alone = partial(env, scenario), env(scenario)
+    runs = AsyncVectorEnv([make, make], context="spawn")
+    try:
+        np.testing.assert_array_equal(runs.reset(seed=[5, 6])[0][0], alone.reset(seed=5)[0])
+        zero = np.zeros((2, *alone.action_space.shape))  # type: ignore[misc]
+        np.testing.assert_array_equal(runs.step(zero)[0][0], alone.step(zero[0])[0])
+    finally:
+        runs.close()
 
 
 def replayed(scenario: Scenario, engine: str, actions: list[Array], bounds: Array, dimensions: Any) -> Array:

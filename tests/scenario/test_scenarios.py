@@ -4,6 +4,7 @@ That each runs as its `expect:` block says, with bounds at most a tenth above wh
 commands. Oracle here: the published run, and what the README says.
 """
 
+import pickle
 from pathlib import Path
 
 import jsonschema
@@ -96,6 +97,8 @@ def test_a_copy_with_changes_is_built_anew_and_an_equal_one_is_equal() -> None:
     again = Scenario.model_validate(scenario.model_dump(mode="json"))
     assert again == scenario
     assert (again.system.initial == scenario.system.initial).all()
+    assert pickle.loads(kept := pickle.dumps(scenario)) == scenario
+    assert len(kept) < 20_000  # without its system
 
 
 def test_a_seed_that_changes_nothing_is_known() -> None:
