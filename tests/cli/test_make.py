@@ -51,6 +51,7 @@ def test_integration_installs_opengl_only_where_it_is_missing(installed: bool, t
     assert called.exists() != installed
     goals = made.read_text().splitlines()
     assert "test-ci" in goals
+    assert any(" lint " in goal and goal.endswith(" check-bundle") for goal in goals)
     assert sum(goal.startswith("docs") for goal in goals) == 1
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mjsheaf import load_scenario, simulate
+from mjsheaf import World, load_scenario, simulate
 from mjsheaf.checking.theorem.of_run import bound_of_run, held_bound_of_run
 from mjsheaf.mujoco_import import mujoco
 from mjsheaf.results import store
@@ -15,7 +15,7 @@ from mjsheaf.results.ending import ending_of_motion
 from mjsheaf.runs.diagnostics import _about_the_surface, notes_of_run
 from mjsheaf.scenario import Scenario
 from mjsheaf.vehicles.loading import list_vehicles, load_vehicle
-from tests.builders import QUADROTOR_PAIR, make_fields
+from tests.builders import QUADROTOR_PAIR, known, make_fields
 from tests.commands import answer_of
 
 CALM = make_fields(
@@ -164,6 +164,15 @@ def test_the_size_of_a_vehicle_is_that_of_its_vertices(name: str) -> None:
     points = np.concatenate(corners)
     longest = np.ptp(points, axis=0).max()
     assert longest - 1e-9 <= vehicle.size <= 1.5 * longest
+
+
+def test_the_paper_s_bodies_go_through_each_other_and_a_world_says_nothing() -> None:
+    scenario = load_scenario("paper", {"time.end": 1.0})
+    close, world = found_in(scenario)["close"], World(scenario)
+    world.step(round((known(close.time) - world.time) / world.model.opt.timestep))
+    placed = world.data.qpos[world.arena.qpos[:, None] + np.arange(3)]
+    apart = np.linalg.norm(placed - placed[scenario.system.team.index[known(close.agent)]], axis=1)
+    assert np.sort(apart)[1] == pytest.approx(close.number, abs=1e-9)
 
 
 @pytest.mark.usefixtures("without_plots")

@@ -57,6 +57,7 @@ def test_the_third_line_says_what_was_expected(
 
 def test_that_bodies_exceed_the_bound_of_ideal_kinematics_is_no_news(tmp_path: Path) -> None:
     answer = answer_of("run", "midpoint", "--set", "time.end=2", "--no-video", "--out", tmp_path / "out")
+    assert answer.out.startswith("midpoint: 1 agent and 2 targets on MuJoCo bodies, 2 s\n")
     notes = json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]
     assert [note["kind"] for note in notes] == ["bound"]
     assert "Theorem 1" in notes[0]["text"]

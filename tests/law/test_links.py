@@ -476,6 +476,7 @@ def test_the_finest_section_counts_field_by_field() -> None:
         ({"links.all.sensor": RANGE_BEARING, "links.sensing.noise": 1.0}, ["links.sensing", "noise", "exact"]),
         ({"communication.3": {"between": ["A4", "A5"], "delay": 0.005}}, ["communication.3.delay", "0 or 0.01"]),
         ({"links.all.delay": 1e6, "links.all.noise": 1.0}, ["links", "delay lines", "shorter"]),
+        ({"links.rounds.delay": 0.055}, ["links.rounds.delay: 0.055", "0.05 or 0.06"]),
         ({"links.rounds.noise": 0.1}, ["links.rounds.noise", "unknown field"]),
         ({"links.rounds.delay": 1e6}, ["links.rounds", "delay lines", "shorter"]),
     ],

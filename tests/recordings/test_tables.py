@@ -80,6 +80,7 @@ DIALECTS: dict[str, str | tuple[str, dict[str, Any], Any]] = {
     ),
     "east, north, up": "t,north,east,up\n" + rows(T, Y, X, Z),
     "north, east, down": "t,north_m,east_m,down_m\n" + rows(T, Y, X, [-3, -3.5, -4]),
+    "depth": "t,x,y,depth\n" + rows(T, X, Y, [-3, -3.5, -4]),
     "axes ned": ("t,x,y,z\n" + rows(T, Y, X, [-3, -3.5, -4]), {"axes": "ned"}, PATH),
     "axes ned with a height": ("t,x,y,alt\n" + rows(T, Y, X, Z), {"axes": "ned"}, PATH),
     "PX4": (
@@ -106,6 +107,7 @@ DIALECTS: dict[str, str | tuple[str, dict[str, Any], Any]] = {
         {"topic": "7", **ORIGIN},
         [[0, 0, 0], [9, 0, 0]],
     ),
+    "one vehicle": ("mmsi,t,x,y\n" + rows([7, 7, 7], T, X, Y), {}, PLANE),
     "rows without a fix": ("t,lat,lon,alt\n0.1,,,\n" + fixes(T), ORIGIN, DEGREES),
     "a velocity named u": ("t,x,y,u,v\n" + rows(T, X, Y, [9] * 3, [9] * 3), {}, PLANE),
 }

@@ -114,6 +114,7 @@ FORMS: dict[str, Variables | tuple[Variables, dict[str, Any], np.ndarray]] = {
     "degrees with metres of their own": {**in_metres(x=("time", 9 * T), y=("time", 9 * T)), **single()},
     "axes ned": (in_metres(x=("time", ROWS[:, 2]), y=("time", ROWS[:, 1]), z=("time", -UP)), {"axes": "ned"}, ROWS),
     "depth": single(z=("time", -UP, {"standard_name": "depth", "units": "m"})),
+    "depth by name alone": single(z=None, depth=("time", -UP, {"units": "m"})),
     "depth that points up": single(z=("time", UP, {"standard_name": "depth", "units": "m", "positive": "up"})),
     "positive down": single(z=("time", -UP * 100, {"units": "cm", "positive": "down"})),
     "no height": (single(z=None), ORIGIN, ROWS[:, :3]),

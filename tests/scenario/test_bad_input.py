@@ -106,6 +106,7 @@ BROKEN = {
     "a bomb": (b"a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nd: &d [*c, *c]\n", ["line 1", "anchor"]),
     "an endless number": (b"seed: " + b"9" * 5000, ["5000 digits"]),
     "endless nesting": (b"a: " + b"[" * 20000, ["deep"]),
+    "endless nesting of keys": (b"? " * 20000, ["deep"]),
     "endless nesting of lines": (b"".join(b" " * k + b"a:\n" for k in range(300)), ["line", "deep"]),
     "a key that a terminal obeys": (yaml.safe_dump(GOOD).encode() + b'"\\e[2J": 1\n', ["\\x1b[2J: unknown field"]),
 }

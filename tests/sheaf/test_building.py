@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 
 from mjsheaf import Sheaf
-from mjsheaf.errors import SheafError
+from mjsheaf.errors import InputError, SheafError
 from tests.strategies import EdgeSpec, SheafSpec, sheaves
 
 Build = Callable[[Sheaf], Any]
@@ -170,6 +170,7 @@ def test_stalks_need_whole_dimensions_and_a_sheaf_a_vertex() -> None:
             Sheaf({"a": dimension})
     with pytest.raises(SheafError, match="at least one vertex"):
         Sheaf({})
+    assert issubclass(SheafError, InputError)  # exit code 2, and ValueError
 
 
 @pytest.mark.parametrize(

@@ -110,6 +110,7 @@ def test_nearest_global_section_is_the_orthogonal_projection(spec: SheafSpec, se
         ([0.0], r"offset has shape \(1,\); expected \(4,\)"),
         (np.zeros((4, 1)), r"offset has shape \(4, 1\); expected \(4,\)"),
         ([np.nan] * 4, "offset: an entry is not finite"),
+        ([10**400] * 4, "offset: not an array of numbers"),
         ("north", "offset: not an array of numbers"),
     ],
 )
