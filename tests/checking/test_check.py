@@ -210,12 +210,3 @@ def test_ten_thousand_agents() -> None:
     assert record.relative_cohomology.dimension > 10
     assert verdicts[5] == "holds"
     assert record.fragility.exact is False
-
-
-@pytest.mark.slow
-def test_plot_is_drawn(tmp_path: Path, capsys: Capture) -> None:
-    path = tmp_path / "check.png"
-    assert call("check", "air_tracks_surface", "--no-trial", "--plot", path) == 1
-    assert path.stat().st_size > 20_000
-    assert call("check", "paper", "--plot", tmp_path / "none" / "x.png") == 2
-    assert "--plot" in capsys.readouterr().err

@@ -161,16 +161,6 @@ def test_of_two_stretches_of_stable_gains_it_is_the_nearest(gain: float, first: 
             assert beside < 0.0 or (replace(loop, gain=beside).radius < 1.0) == (share > 0.0)
 
 
-def test_no_gain_may_be_stable() -> None:
-    """Too much integral for the hold: k_I h^2 lambda beyond 4."""
-    raw = random_scenario(1)
-    raw["controller"] = {"gain": 1.0, "control_period": 0.1, "integral": {"gain": 1e5}}
-    system = scenario_from_mapping(raw).system
-    assert loop_of(system).stable_gains is None
-    with pytest.raises(UndecidedError, match="unstable"):
-        envelope(system, certify(system))
-
-
 def attained(fields: dict[str, Any], N: int = 1, **more: Any) -> tuple[Array, Envelope]:
     """|e| and its bound for agents that begin at q*, each sensing one target in the plane."""
     raw = make_fields(

@@ -50,8 +50,10 @@ def factors(scenario: Scenario, gain: float = GAIN, periods: int = 20, move: flo
     return np.asarray(np.abs(np.linalg.eigvals(change)) ** (1.0 / periods))
 
 
-def random_team(seed: int, misfit: float = 1.0, directed: float = 0.0, targets: bool = True) -> Scenario:
-    """A random team near a shape from which its ranges, bearings and positions are off by `misfit`, m."""
+def random_team(
+    seed: int, misfit: float = 1.0, directed: float = 0.0, targets: bool = True, away: float = 0.3
+) -> Scenario:
+    """A random team `away` from a shape from which its ranges, bearings and positions are off by `misfit`, m."""
     rng = np.random.default_rng(seed)
     d, n = int(rng.integers(2, 4)), int(rng.integers(2, 6))
     m = int(rng.integers(2, 5)) if targets else 0
@@ -70,7 +72,7 @@ def random_team(seed: int, misfit: float = 1.0, directed: float = 0.0, targets: 
     pairs = [pair for pair in itertools.combinations(range(n), 2) if pair[1] == pair[0] + 1 or rng.random() < 0.7]
     pairs = [pair[::-1] if rng.random() < 0.5 else pair for pair in pairs]
     sensed = [(i, k) for i in range(n) for k in range(m) if rng.random() < 0.6]
-    start = q + 0.3 * rng.normal(size=q.shape)
+    start = q + away * rng.normal(size=q.shape)
     agents, seen = ({f"{kind}{k}": x for k, x in enumerate(each.tolist())} for kind, each in (("A", start), ("T", p)))
     links = [edge(f"A{i}", f"A{j}", q[j] - q[i], rng.random() < directed) for i, j in pairs]
     sensing = [edge(f"A{i}", f"T{k}", p[k] - q[i], False) for i, k in sensed]
@@ -116,20 +118,11 @@ def test_q_star_of_directed_teams_without_targets_is_near_a_shape_that_is_near(s
     """Agents 2 cm from a shape that they keep have q* within 0.1 m, an equilibrium, and an error of that size."""
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        shape = random_team(seed, misfit=0.0, directed=0.4, targets=False)
-        x = shape.system.initial + 0.02 * rng.uniform(-1.0, 1.0, shape.system.initial.shape)
-        d, n = shape.team.agents[0].dimension, len(shape.team.agents)
-        q = random_places(seed, n, d) + x[:, :d] - shape.system.initial[:, :d]
-        found = shape.team.extend(np.zeros(0), q.ravel())
-        assert np.abs(found - q.ravel()).max() < 0.1, seed
+        shape = random_team(seed, misfit=0.0, directed=0.4, targets=False, away=0.0)
+        q = shape.team.pack(shape.system.initial + 0.02 * rng.uniform(-1.0, 1.0, shape.system.initial.shape))
+        found = shape.team.extend(np.zeros(0), q)
+        assert np.abs(found - q).max() < 0.1, seed
         assert np.abs(law(shape)(found, np.zeros(0))).max() < 1e-12, seed
-
-
-def random_places(seed: int, n: int, d: int) -> Array:
-    """The places that the agents of `random_team` keep, shape (n, d), m."""
-    rng = np.random.default_rng(seed)
-    assert (d, n) == (int(rng.integers(2, 4)), int(rng.integers(2, 6)))
-    return rng.uniform(-8.0, 8.0, (n, d))
 
 
 @pytest.mark.parametrize("values", [[1.0], [0.4 + 0.9j, 0.4 - 0.9j, 2.0], [1.0 - 1.0j, 1.0 + 1.0j], [0.02 + 1.0j]])

@@ -53,7 +53,6 @@ def alone(
     heading: float = 0.0,
     drift: Any = None,
     timestep: float = 0.001,
-    surface: str = "water",
     **effects: Any,
 ) -> World:
     """A world with vehicle 0, at the origin with a heading in degrees, in a medium that moves at `drift`, m/s.
@@ -67,7 +66,7 @@ def alone(
         [50.0] * n,
         {"vehicle": vehicle, "heading": heading},
         flow=flow,
-        scene={"surface": surface},
+        scene={"surface": "water"},
         controller={"gain": 1.0, "control_period": 10 * timestep},
         physics={"timestep": timestep, "effects": effects},
     )

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mjsheaf import World, simulate
+from mjsheaf import simulate
 from mjsheaf.arrays import Array
 from mjsheaf.loop.linear import HeldPoint, linearise
 from mjsheaf.vehicles.actuators import CHANNEL, AzimuthThruster, aim
@@ -36,14 +36,6 @@ def efforts(thrusts_and_angles: Array) -> Array:
     """Components of each thrust ahead and to port, interleaved as their channels are."""
     thrust, angle = np.asarray(thrusts_and_angles).reshape(-1, 2).T
     return np.column_stack([thrust * np.cos(angle), thrust * np.sin(angle)]).ravel()
-
-
-def wrench(world: World) -> Array:
-    """Return the wrench of the commands of vehicle 0 at the present angles, body axes, shape (6,)."""
-    vehicle, _, _, own = body(world)
-    commands = world.data.ctrl[own].reshape(-1, 2).copy()
-    commands[:, 1] = world.data.act[own].reshape(-1, 2)[:, 1]
-    return np.asarray(vehicle.W @ efforts(commands))
 
 
 def both(**fields: Any) -> dict[str, Any]:
@@ -272,11 +264,12 @@ def test_far_beyond_its_limits_it_pushes_where_it_is_asked_to() -> None:
             world.close_loop(sample=False)
         R = attitude(world)
         wanted = wanted_force(vehicle, R, R.T @ [*v, 0.0], np.zeros(3))[:2]
-        force = wrench(world)[:2]
+        angles, thrusts = world.data.act[own][1::2], world.data.ctrl[own][::2]
+        force = (vehicle.W @ efforts(np.column_stack([thrusts, angles])))[:2]
         share = force @ wanted / (wanted @ wanted)
         assert 0.0 < share < 1.0
         np.testing.assert_allclose(force, share * wanted, atol=1e-6 * PUSH)
-        assert np.abs(world.data.ctrl[own][::2]).max() == pytest.approx(PUSH, rel=1e-9)
+        assert np.abs(thrusts).max() == pytest.approx(PUSH, rel=1e-9)
         assert world.saturation()[0] >= 0.25
 
 

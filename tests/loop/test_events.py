@@ -296,9 +296,7 @@ def test_the_seed_counts_where_events_make_something_random() -> None:
 PHASED: dict[str, Any] = {
     "time": {"end": 0.6},
     "events": [{"time": 0.2, "lose": "boat"}, {"time": 0.4, "cut": ["front", "back"]}],
-    "expect": {
-        "ideal": {"tracking_error": 99, "phases": [{}, {"tracking_error": 99}, {"mean_disagreement": 1e-9}]},
-    },
+    "expect": {"ideal": {"tracking_error": 99, "phases": [{}, {"tracking_error": 99}, {"mean_disagreement": 1e-9}]}},
 }
 
 

@@ -258,12 +258,7 @@ def test_lanes_beyond_the_last_boat_have_no_undefined_numbers(monkeypatch: pytes
 
 
 LOOPS_AND_LINKS = {
-    "controller": {
-        "gain": 1.0,
-        "control_period": 0.02,
-        "feedforward": {"rounds": 2},
-        "drift": {"filter": 1.0},
-    },
+    "controller": {"gain": 1.0, "control_period": 0.02, "feedforward": {"rounds": 2}, "drift": {"filter": 1.0}},
     "links": {"all": {"noise": 0.02, "delay": 0.02, "loss": 0.2}},
     "events": [{"time": 0.5, "lose": "back"}],
 }

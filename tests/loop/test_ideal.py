@@ -11,9 +11,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from mjsheaf import load_scenario, simulate
+from mjsheaf import simulate
 from mjsheaf.arrays import Array
-from mjsheaf.checking.loop.held_law import loop_of
 from mjsheaf.loop.engine import Trajectory
 from mjsheaf.loop.system import System
 from mjsheaf.results.dataset import make_datasets
@@ -204,28 +203,6 @@ def test_a_run_that_takes_too_many_steps_ends_soon_and_says_why(period: float) -
     assert f"for each controller.{field} of 0.01 s at t = " in message
     assert "or a flow or motion too strong to integrate" in message
     assert 0.0 < float(result.time[-1]) < 1.0
-
-
-@pytest.mark.parametrize("newton", [None, {"rounds": 100}])
-def test_the_largest_integral_is_where_the_loop_diverges(newton: dict[str, int] | None) -> None:
-    """The held loop of e and z has the determinant 1 - h lambda (k1 - h k_I), or 1 - h (k1 - h k_I lambda) with newton.
-
-    It is below 1 only for smaller k_I. Oracle: eigenvalues of the loop.
-    """
-
-    def system(gain: float) -> System:
-        return load_scenario("paper", {"controller.newton": newton, "controller.integral": {"gain": gain}}).system
-
-    paper = system(1.0)
-    largest = paper.gain / (paper.grid.period * (paper.largest_eigenvalue if newton else 1.0))
-    for gain, holds in ((0.99 * largest, True), (1.01 * largest, False)):
-        assert (loop_of(system(gain)).radius < 1.0) == holds
-
-
-def test_the_margin_is_where_it_is_said_to_be() -> None:
-    for gain, status in ((31.5, "finished"), (33.0, "unstable")):
-        scenario = load_scenario("paper", {"controller.gain": gain, "time.end": 20})
-        assert run_ideal(scenario.system).status == status
 
 
 def test_targets_that_diverge_are_named_as_the_cause() -> None:

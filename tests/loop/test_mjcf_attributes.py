@@ -89,9 +89,7 @@ BODY: dict[str, Attributes | None] = {
     **same_names("childclass=small; gravcomp=0.4; name=other; pos=1 2 3; quat=1 2 3 4; sleep=allowed"),
     "alt": {"euler": "10 20 30"},
     "fullinertia": {"inertial": '<inertial pos=".01 0 .02" mass="1.3" fullinertia=".01 .02 .025 .001 .002 .001"/>'},
-    "ialt": {
-        "inertial": '<inertial pos="0 .01 0" euler="10 20 30" mass="1.3" diaginertia=".01 .02 .025"/>',
-    },
+    "ialt": {"inertial": '<inertial pos="0 .01 0" euler="10 20 30" mass="1.3" diaginertia=".01 .02 .025"/>'},
     "inertia": {"inertial": '<inertial pos="0 0 0" mass="1.3" diaginertia=".01 .02 .025"/>'},
     "ipos": {"inertial": '<inertial pos=".03 .02 -.05" mass="1.3" diaginertia=".01 .02 .025"/>'},
     "iquat": {"inertial": '<inertial pos="0 0 0" quat="1 2 3 4" mass="1.3" diaginertia=".01 .02 .025"/>'},
@@ -101,9 +99,7 @@ BODY: dict[str, Attributes | None] = {
     "userdata": {"user": "1 2"},
 }
 GEOM: dict[str, Attributes | None] = {
-    **none_of(
-        "compiler frame hfieldname id info parent signature"
-    ),  # a height field is ground: see `test_scene_of_a_file`
+    **none_of("compiler frame hfieldname id info parent signature"),  # a height field is ground, see ELEMENTS
     **same_names(
         "adhesion=1; conaffinity=0; condim=1; contype=0; fitscale=2; friction=0.1; gap=0.1; group=3; margin=0.1; "
         "mass=1.2; material=red; name=hull; pos=.01 -.02 .03; priority=2; quat=1 2 3 4; rgba=1 0 0 1; "
@@ -166,10 +162,7 @@ ELEMENTS = {  # what a file may contain next to the vehicle's body, and what bec
     "frames": (WORLD.format('<frame pos="1 0 0"><geom name="wall" size=".1"/></frame>'), "said: geom 'wall'"),
     "geoms": (WORLD.format('<geom name="floor" type="plane" size="1 1 1"/>'), "said: plane 'floor'"),
     "hfields": (WORLD.format('<geom name="floor" type="hfield" hfield="hills"/>'), "said: height field 'floor'"),
-    "joints": (
-        WORLD.format('<body name="door"><joint type="hinge"/><geom size=".1"/></body>'),
-        "said: body 'door'",
-    ),
+    "joints": (WORLD.format('<body name="door"><joint type="hinge"/><geom size=".1"/></body>'), "said: body 'door'"),
     "keys": ('<keyframe><key name="up" qpos="0 0 9 1 0 0 0" ctrl="1 1 1 1 1"/></keyframe>', "said: keyframe 'up'"),
     "lights": (WORLD.format('<light name="sun" mode="targetbody" target="quad"/>'), "said: light 'sun'"),
     "materials": ('<asset><material name="m"/></asset>', "same"),

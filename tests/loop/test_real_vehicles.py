@@ -3,19 +3,15 @@
 Oracles: equilibria that a pencil finds; the mean delay of a linear loop; symmetries; the sources' own numbers.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from mjsheaf import World
-from mjsheaf.arrays import Array
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import HandPoint, ThrustVector
-from tests.builders import BOATS, LAG, MULTIROTORS, POWERED, REAL, altered, build_scenario, turn, yaws
-from tests.loop.one_vehicle import alone, ask, attitude, body, mean_delay, place, step_unpowered, yaw_of
-from tests.oracles.rigid_body import inertia_about_centre
+from tests.builders import BOATS, LAG, MULTIROTORS, POWERED, REAL, build_scenario, turn, yaws
+from tests.loop.one_vehicle import alone, ask, attitude, body, mean_delay, yaw_of
 
 GRAVITY = 9.81
 
@@ -191,36 +187,3 @@ def test_turning_the_world_turns_the_trajectory(angle: float) -> None:
         np.testing.assert_allclose(turned.data.ctrl, plain.data.ctrl, atol=1e-5 * np.abs(plain.data.ctrl).max())
     moved = np.linalg.norm(plain.positions() - start, axis=1)
     assert moved.min() > 1.0
-
-
-def energy_and_momenta(world: World) -> Array:
-    """Energy with its potential, momentum, and angular momentum about the centre of mass: (7,), J, N s, N m s."""
-    vehicle, qpos, dof, _ = body(world)
-    m, c, R = vehicle.mass, vehicle.centre_of_mass, attitude(world)
-    J = inertia_about_centre(vehicle)
-    omega = world.data.qvel[dof][3:]
-    v = world.data.qvel[dof][:3] + R @ np.cross(omega, c)
-    height = (world.data.qpos[qpos][:3] + R @ c)[2]
-    energy = 0.5 * m * v @ v + 0.5 * omega @ J @ omega + m * GRAVITY * height
-    return np.array([energy, *(m * v), *(R @ J @ omega)])
-
-
-@pytest.mark.usefixtures("engine")
-@pytest.mark.parametrize("name", ["hexarotor", "quadrotor"])  # the X500's rotors never stop
-def test_a_multirotor_that_tumbles_in_a_vacuum_keeps_energy_and_momenta(name: str, tmp_path: Path) -> None:
-    """Rotors off, 1 s of free fall: what is lost, but for the weight's share of momentum, halves with the step."""
-    path, errors = altered(tmp_path, name, drag={"linear": [1e-9] * 3, "angular": [1e-9] * 3}), []
-    for timestep in (0.002, 0.001, 0.0005):
-        world = alone(path, timestep=timestep, surface="none")
-        vehicle, _, dof, _ = body(world)
-        place(world, Rotation.from_rotvec([0.4, -0.3, 0.8]).as_matrix(), [0.9, -0.6, 0.4], [1.5, -1.4, 0.7])
-        world.data.act[:] = 0.0
-        before, weight = energy_and_momenta(world), vehicle.mass * GRAVITY
-        step_unpowered(world, round(1.0 / timestep))
-        change = energy_and_momenta(world) - before + [0, 0, 0, weight, 0, 0, 0]
-        errors.append([change[0] / weight, *change[1:4] / weight, *change[4:] / np.linalg.norm(before[4:])])
-        assert np.abs(world.data.qvel[dof][3:] - [1.5, -1.4, 0.7]).max() > 0.1  # it does tumble
-    lost = np.abs(np.array(errors))
-    assert lost[-1].max() < 3e-3
-    halved = lost[:, lost[0] > 1e-7]
-    np.testing.assert_allclose(halved[:-1] / halved[1:], 2.0, atol=0.1)

@@ -33,11 +33,6 @@ SCENE: list[Part] = [  # a floor with a material, a body with a height field, li
 MOCAP = ("worldbody", '<body name="goal" mocap="true"><geom size=".1" mass="0"/></body>')
 
 
-def test_a_list_says_what_is_left_out(tmp_path: Path) -> None:
-    shown = " ".join(answer_of("list", "--vehicles", altered(tmp_path, "x500", adding(*SCENE))).out.split())
-    assert "plane 'floor', height field 'hills', a light, camera 'top'" in shown
-
-
 def one(vehicle: str) -> Scenario:
     return pursuit([0, 0, 9], [1, 0, 9], {"vehicle": vehicle}, time={"end": 0.1})
 
@@ -76,8 +71,10 @@ def test_a_published_file_is_the_vehicle_alone(tmp_path: Path) -> None:
     np.testing.assert_array_equal(runs[0].agent_position, runs[1].agent_position)
 
 
-def test_what_is_left_out_is_a_note(tmp_path: Path) -> None:
+def test_what_is_left_out_is_a_note_and_in_the_list(tmp_path: Path) -> None:
     path = altered(tmp_path, "x500", adding(*SCENE))
+    shown = " ".join(answer_of("list", "--vehicles", path).out.split())
+    assert "plane 'floor', height field 'hills', a light, camera 'top'" in shown
     (note,) = [text for text in check(one(path), trial=False)["notes"] if "left out" in text]
     assert note.startswith("left out of x500.xml: plane 'floor', height field 'hills', a light")
 

@@ -16,11 +16,7 @@ from mjsheaf.law.in_python import Sample
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario, refused
 
-ENGINES: dict[str, dict[str, Any]] = {
-    "ideal": {"backend": "ideal"},
-    "mujoco": {},
-    "fused": {"engine": "fused"},
-}
+ENGINES: dict[str, dict[str, Any]] = {"ideal": {"backend": "ideal"}, "mujoco": {}, "fused": {"engine": "fused"}}
 TANGLED: dict[str, Any] = {
     "time": {"end": 0.3},
     "controller": {
@@ -143,11 +139,6 @@ def test_a_state_brings_its_seed(engine: str) -> None:
     assert other.scenario.seed == scenario.seed
     other.reset()
     np.testing.assert_array_equal(end_of(other), whole)
-
-
-def test_a_world_of_phases_takes_no_seed() -> None:
-    with refused(InputError, "seed", "Scenario"):
-        World(mixed_scenario().phases).reset(5)
 
 
 @pytest.mark.slow(each=True)

@@ -55,22 +55,6 @@ def test_steps_by_hand_are_the_loops_own(period: float) -> None:
     assert bits(ours) == bits(theirs)
 
 
-def test_the_law_is_held_between_its_samples() -> None:
-    """With a period of 10 steps the commanded velocity changes at steps 0, 10, 20 and at no other."""
-    changes = []
-    for period in (0.01, 0.0):
-        world = World(mixed_scenario(controller={"gain": 3.0, "control_period": period}, flow={}))
-        world.step(5)
-        dof = world.arena.dof[0]
-        pushed = []
-        for _ in range(20):
-            world.step(1)
-            # Thrust in world axes is D v_c, whatever the attitude, as the drag is isotropic.
-            pushed.append(round(float(np.linalg.norm(world.data.qfrc_actuator[dof : dof + 2])), 6))
-        changes.append(int(np.count_nonzero(np.diff(pushed))))
-    assert changes == [2, 19]
-
-
 def test_start_time_is_respected() -> None:
     scenario = mixed_scenario(time={"start": 2.5, "end": 3.0})
     world = World(scenario)
@@ -206,20 +190,6 @@ def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
     assert seen == model.nu
     with refused(InputError, "'v1'", "V0", "V1"):
         world.actuators("v1")
-
-
-def test_thrusters_found_by_id_can_be_stopped() -> None:
-    """As README has it: the drone goes elsewhere; a target, which sees no agent, goes where it goes anyway."""
-    world, other = World(mixed_scenario()), World(mixed_scenario())
-    own = world.actuators("front")
-    world.model.actuator_gainprm[own, 0] = 0.0
-    world.step(1000)
-    other.step(1000)
-    np.testing.assert_array_equal(world.data.actuator_force[own], 0.0)
-    assert other.data.actuator_force[own].any()
-    apart = dict(zip([m.id for m in world.system.team.members], other.heights() - world.heights(), strict=True))
-    assert abs(apart["front"]) > 0.2
-    assert apart["diver"] == 0.0
 
 
 # -- contacts --------------------------------------------------------------------------------------------------------
