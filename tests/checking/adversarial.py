@@ -128,6 +128,13 @@ def _enlarge(rng: Rng, raw: Raw) -> None:
         raw["communication"].append(edge)
 
 
+def _finish(rng: Rng, raw: Raw, kappa: float, low: float, high: float) -> Raw:
+    """Enlarge the team, choose its gain for `kappa` times a number between two, turn and shift all of it."""
+    _enlarge(rng, raw)
+    _choose_gain(rng, raw, kappa * _between(rng, low, high))
+    return _rotate(rng, raw)
+
+
 def _rotate(rng: Rng, raw: Raw) -> Raw:
     """Turn and shift a planar scenario with nothing but points, directions and drifts in it."""
     R, shift = turn(float(rng.uniform(-np.pi, np.pi))), rng.uniform(-20, 20, 2)
@@ -185,9 +192,7 @@ def drifting_across_jets(rng: Rng) -> Raw:
     x = float(rng.uniform(0.2, 0.7)) * U * end
     lane = _lane(rng, x, aside + 0.3 * float(rng.uniform(-1, 1)), float(rng.uniform(1.5, 4.0)) * (jet + U))
     raw["flow"]["targets"] = {"dimension": 2, "drift": [U, 0.0], "channels": [_across(x, jet, w), lane]}
-    _enlarge(rng, raw)
-    _choose_gain(rng, raw, lane["beta"] / lane["length"] * _between(rng, 0.5, 3.0))
-    return _rotate(rng, raw)
+    return _finish(rng, raw, lane["beta"] / lane["length"], 0.5, 3.0)
 
 
 def swinging_across_jets(rng: Rng) -> Raw:
@@ -233,9 +238,7 @@ def gathering_across_jets(rng: Rng) -> Raw:
     lane["centre"][0] = x - float(rng.uniform(2.5, 3.2)) * lane["length"]
     raw["flow"] = {"targets": {"dimension": 2, "channels": [_across(x, jet, w), lane]}}
     _start_settled(raw)
-    _enlarge(rng, raw)
-    _choose_gain(rng, raw, -lane["beta"] / lane["length"] * _between(rng, 0.3, 2.0))
-    return _rotate(rng, raw)
+    return _finish(rng, raw, -lane["beta"] / lane["length"], 0.3, 2.0)
 
 
 def gathering_at_once(rng: Rng) -> Raw:
@@ -323,9 +326,7 @@ def circling_a_tight_vortex(rng: Rng) -> Raw:
     }
     if rng.random() < 0.5:
         raw["flow"]["agents"] = {"dimension": 2, "channels": [_channel([r, 0.0], [1, 0], 1.0, 1.0, 3.0)]}
-    _enlarge(rng, raw)
-    _choose_gain(rng, raw, rate * _between(rng, 0.3, 3.0))
-    return _rotate(rng, raw)
+    return _finish(rng, raw, rate, 0.3, 3.0)
 
 
 def past_small_cores(rng: Rng) -> Raw:
@@ -369,9 +370,7 @@ def splitting_at_a_saddle(rng: Rng) -> Raw:
         "sources": [{"centre": [10.0, 0.0], "alpha": alpha}],
         "channels": [jet] if rng.random() < 0.7 else [],
     }
-    _enlarge(rng, raw)
-    _choose_gain(rng, raw, _between(rng, 0.3, 5.0))
-    return _rotate(rng, raw)
+    return _finish(rng, raw, 1.0, 0.3, 5.0)
 
 
 def fast_lissajous(rng: Rng) -> Raw:
@@ -453,9 +452,7 @@ def long_spans(rng: Rng) -> Raw:
         raw["disturbance"] = {"agents": {"bound": 0.01, "frequencies": [40.0, 60.0], "components": 2}}
     elif rng.random() < 0.5:
         raw["disturbance"] = {"agents": {"bound": 0.002, "components": 2}}
-    _enlarge(rng, raw)
-    _choose_gain(rng, raw, lane["beta"] / lane["length"] * _between(rng, 1.0, 10.0))
-    return _rotate(rng, raw)
+    return _finish(rng, raw, lane["beta"] / lane["length"], 1.0, 10.0)
 
 
 # -- families: where the agents go ---------------------------------------------------------------------------------

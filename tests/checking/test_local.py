@@ -1,21 +1,18 @@
 """Answers of `check` on teams with range, bearing or directed edges, and of teams without targets."""
 
 import itertools
-import json
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from mjsheaf import simulate
 from mjsheaf.arrays import Array
-from mjsheaf.checking import CheckRecord, examine_scenario
+from mjsheaf.checking import examine_scenario
 from mjsheaf.checking.record import headline
-from mjsheaf.checking.report import report
 from mjsheaf.checking.spectrum import held_eigenvalues
 from mjsheaf.scenario import Scenario
-from tests.builders import build_scenario, list_members, make_fields, require, validator_of
+from tests.builders import build_scenario, list_members, make_fields, require
 from tests.checking.test_screen import assert_record_fits
 from tests.oracles.frameworks import CUBE, FRAMEWORKS, RING, SIDES, SQUARE, TETRAHEDRON, TRIANGLE, complete
 from tests.running import analyse, run_ideal
@@ -250,15 +247,10 @@ def test_the_loops_of_directed_teams_are_those_of_their_eigenvalues(terms: Any) 
     assert bodies["largest_gain"] == pytest.approx(of_same["largest_gain"], rel=2e-3)
 
 
-def test_records_are_json_and_have_verdicts() -> None:
-    """Every record of such a team can be written, and its report too, and its answer fits a screen."""
+def test_the_answer_begins_with_whether_a_team_is_rigid() -> None:
     for scenario in (keeping(TRIANGLE, complete(3), "range"), following(), keeping(SQUARE, RING, "bearing")):
         record = examine_scenario(scenario).record
-        text = json.dumps(record.model_dump(mode="json"), allow_nan=False)
-        validator_of(CheckRecord).validate(json.loads(text))
         assert_record_fits(record, "mine")
-        with Console(width=160).capture() as _:
-            Console(width=160).print(report(record))
         assert "rigid" in headline(record)
 
 

@@ -176,13 +176,7 @@ def test_a_condition_that_only_just_fails_takes_no_forever() -> None:
 
 
 def test_a_constant_and_its_polynomial_and_its_table_say_the_same() -> None:
-    kinds: list[float | Rho] = [
-        4.0,
-        as_rho(4.0),
-        as_rho([4.0]),
-        as_rho([(math.inf, 4.0)]),
-        as_rho(lambda _: 4.0),
-    ]
+    kinds: list[float | Rho] = [4.0, as_rho(4.0), as_rho([4.0]), as_rho([(math.inf, 4.0)]), as_rho(lambda _: 4.0)]
     first, *others = (theorem_1(10, 2.0, 3.0, 1.0, kind) for kind in kinds)
     assert first.applies
     assert first.k_min == 10.0  # k1 lambda_min / 2

@@ -32,9 +32,6 @@ def relative_velocity(world: World, w: Array) -> Array:
     return np.concatenate([attitude(world).T @ (velocity[:3] - w), velocity[3:]])
 
 
-# -- what is conserved -------------------------------------------------------------------------------------------------
-
-
 def frictionless(folder: Path, name: str) -> str:
     """A copy of a vehicle on which nothing acts, with its own added mass; the submersible is given some."""
     if name != "submersible":
@@ -74,9 +71,6 @@ def test_energy_and_impulses_are_conserved_to_the_order_of_the_integrator(
     ratios = np.array(errors[:-1]) / np.array(errors[1:])
     assert np.max(errors[-1]) < 3e-3
     np.testing.assert_allclose(ratios, 2.0, atol=0.1)
-
-
-# -- (M_RB + M_A) a = F ------------------------------------------------------------------------------------------------
 
 
 def acceleration(vehicle: Vehicle, R: Array, z: float, nu: Array, thrust: Array) -> Array:

@@ -194,9 +194,6 @@ def test_thrusters_without_a_name_get_one(tmp_path: Path) -> None:
     assert [model.actuator(k).name for k in range(model.nu)] == [f"A/{name}" for name in vehicle.thrusters]
 
 
-# -- looks -------------------------------------------------------------------------------------------------------------
-
-
 PLAIN = 'contype="0" conaffinity="0" mass="0" size=".1"'
 LOOKS = adding(  # a textured sail, a site and a second body with materials, a livery geom with a colour of its own
     ("asset", '<texture name="cloth" type="2d" builtin="checker" width="8" height="8" rgb1="1 0 0"/>'),

@@ -134,9 +134,6 @@ def test_an_otter_turns_and_goes_in_proportion() -> None:
             assert world.data.ctrl[thrusters].max() <= 119.68
 
 
-# -- thrust that is pointed --------------------------------------------------------------------------------------------
-
-
 def pointed(vehicle: Vehicle, F: Array) -> Array:
     """Weight + s F in world axes, s the largest in [0, 1], by bisection, within tilt, thrust and sinking allowed."""
     W = vehicle.weight
@@ -228,9 +225,6 @@ def test_a_multirotor_recovers_from_a_tilt(name: str, tilt: float, fall: float) 
     np.testing.assert_allclose(world.data.qvel[dof], 0.0, atol=1e-3)
     assert tilt_of(world) < 0.01
     assert np.degrees(yaw_of(world)) == pytest.approx(35, abs=0.01)
-
-
-# -- what it knows -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", REAL)

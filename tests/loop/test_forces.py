@@ -52,9 +52,6 @@ def world(tmp_path: Path) -> World:
     return World(mixed_scenario(agents=agents, disturbance={"agents": {"bound": 0.5}}))
 
 
-# -- at one instant ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_force_is_drag_relative_to_medium_and_command_and_the_moment_holds_the_attitude(
     world: World, seed: int
@@ -83,9 +80,6 @@ def test_force_is_drag_relative_to_medium_and_command_and_the_moment_holds_the_a
         np.testing.assert_allclose(force[3:], hold + trim, atol=1e-9 * (1 + np.abs(hold).max()))
         drag = -np.array(vehicle.description.drag.angular) * omega
         np.testing.assert_allclose(others[3:], drag, atol=1e-10)
-
-
-# -- over time -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow(first=True)
@@ -185,9 +179,6 @@ def test_stiff_drag_needs_no_small_steps(tmp_path: Path) -> None:
         np.testing.assert_allclose(world.data.qvel[body(world, 1)[2]][:3], [0.7, -0.4, 0.2], rtol=1e-9)
 
 
-# -- on the water ----------------------------------------------------------------------------------------------------
-
-
 def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
     """m z'' = -D z' - K z and I phi'' = -c phi' - k phi, from rest, for small angles."""
     world = World(pursuit([0, 0], [0, 0], {"heading": 20}, scene={"surface": "water"}))
@@ -209,9 +200,6 @@ def test_a_boat_heaves_and_rolls_like_an_oscillator() -> None:
         motion = expm(0.15 * np.array([[0.0, 1.0], [-stiffness / inertia, -damping / inertia]])) @ [start, 0.0]
         assert abs(motion[0]) < 0.9 * start
         assert value == pytest.approx(motion[0], abs=0.01 * start)
-
-
-# -- limits and lag --------------------------------------------------------------------------------------------------
 
 
 THRUSTER = "default/default[@class='thruster']/general"

@@ -37,9 +37,6 @@ def run(system: System) -> Trajectory:
     return trajectory
 
 
-# -- the published run ---------------------------------------------------------------------------------------------
-
-
 def test_published_checkpoints(simulated: Simulated) -> None:
     published = simulated("paper", "ideal")
     assert published.sizes["time"] == 4999
@@ -53,9 +50,6 @@ def test_published_checkpoints(simulated: Simulated) -> None:
         for t, expected in FACTS["checkpoints_gain_10"][name].items():
             found = values.sel(time=float(t), method="nearest")
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8, err_msg=name)
-
-
-# -- exact solutions -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("period", [0.05, 0.0], ids=["held", "continuous"])
@@ -76,9 +70,6 @@ def test_a_linear_loop_is_a_power_or_an_exponential_of_its_matrix(period: float)
         found = team.pack(x)
         np.testing.assert_allclose(found[:n_q], rest + factor @ (q - rest), rtol=0, atol=1e-11 if period else 1e-9)
         np.testing.assert_array_equal(found[n_q:], p)
-
-
-# -- against scipy -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("period", [0.0, 0.1], ids=["continuous", "held"])
@@ -117,8 +108,6 @@ def test_the_tolerance_is_honoured() -> None:
     assert (errors < 100.0 * rtols[1:]).all()
     assert errors[0] > 30.0 * errors[1] > 900.0 * errors[2] > 27000.0 * errors[3]
 
-
-# -- control effectiveness -----------------------------------------------------------------------------------------
 
 FOUR_IN_THE_PLANE: dict[str, Any] = {
     "layout": [[1, 0.5, -0.3, 2], [0, 1, 0.7, -1]],
@@ -165,9 +154,6 @@ def test_inputs_of_an_effectiveness_produce_the_commanded_velocity() -> None:
     turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]]).transpose(2, 0, 1)
     g_u = np.einsum("tij,jk,tk->ti", turn, np.array(FOUR_IN_THE_PLANE["layout"]), u[:, 0, :4])
     np.testing.assert_allclose(g_u, commands[:, 0, :2], atol=1e-11)
-
-
-# -- limits, determinism, blow-up ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])

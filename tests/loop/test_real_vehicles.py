@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from mjsheaf import World
 from mjsheaf.vehicles.loading import load_vehicle
 from mjsheaf.vehicles.steering import HandPoint, ThrustVector
-from tests.builders import BOATS, LAG, MULTIROTORS, POWERED, REAL, build_scenario, turn, yaws
+from tests.builders import BOATS, LAG, MULTIROTORS, REAL, build_scenario, turn, yaws
 from tests.loop.one_vehicle import alone, ask, attitude, body, mean_delay, yaw_of
 
 GRAVITY = 9.81
@@ -70,9 +70,6 @@ def test_a_boat_floats_upright_at_its_draft(name: str) -> None:
     assert pitch == 0.0 or np.rad2deg(pitch) == pytest.approx(1.28, abs=0.01)
 
 
-# -- velocity commands -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("axis", [0, 1, 2], ids=["surge", "sway", "heave"])
@@ -98,21 +95,6 @@ def test_a_velocity_step_is_followed_with_the_time_constant_of_the_reduced_model
     world.step(30_000)
     direction = Rotation.from_euler("z", yaw_of(world)).as_matrix()[:, axis]
     assert mean_delay(world, np.zeros(3), 1e-3 * direction) == pytest.approx(theory, rel=0.01)
-
-
-@pytest.mark.parametrize("name", POWERED)
-def test_thrusters_make_every_wrench_that_is_asked_of_them(name: str) -> None:
-    """W W^+ = I on the commanded rows, with full rank, and W^+ is the shortest way."""
-    vehicle = load_vehicle(name)
-    rows, n = vehicle.controlled_rows, len(vehicle.controlled_rows)
-    W = vehicle.W[rows]
-    assert np.linalg.matrix_rank(W) == n
-    np.testing.assert_allclose(W @ vehicle.allocation[:, rows], np.eye(n), atol=1e-12)
-    np.testing.assert_allclose(vehicle.allocation[:, rows] @ W, (vehicle.allocation[:, rows] @ W).T, atol=1e-12)
-    assert not np.delete(vehicle.allocation, rows, axis=1).any()
-
-
-# -- the hand point ----------------------------------------------------------------------------------------------------
 
 
 def test_g_at_the_hand_point_is_square_and_of_full_rank() -> None:
@@ -151,9 +133,6 @@ def test_the_hand_point_moves_at_w_plus_g_u_at_low_speed_too(angle: float) -> No
     R = Rotation.from_euler("z", yaw_of(world)).as_matrix()
     u = world.data.ctrl[thrusters]
     np.testing.assert_allclose(w + vehicle.reduced_model().g(R) @ u, measured, atol=5e-4)
-
-
-# -- symmetry ----------------------------------------------------------------------------------------------------------
 
 
 def turned_team(angle: float) -> World:

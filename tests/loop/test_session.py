@@ -15,6 +15,7 @@ from mjsheaf.errors import InputError, NotUniqueError, UnstableError
 from mjsheaf.law.in_python import Sample
 from mjsheaf.scenario import Scenario
 from tests.builders import mixed_scenario, refused
+from tests.strategies import long
 
 ENGINES: dict[str, dict[str, Any]] = {"ideal": {"backend": "ideal"}, "mujoco": {}, "fused": {"engine": "fused"}}
 TANGLED: dict[str, Any] = {
@@ -60,11 +61,8 @@ def known(sample: Sample) -> list[bytes]:
 @pytest.mark.parametrize(
     ("engine", "fields"),
     [
-        *(pytest.param(engine, {"time": {"end": 0.2}}, id=f"plain-{engine}") for engine in ENGINES),
-        *(pytest.param(engine, CONTINUOUS, id=f"continuous-{engine}") for engine in ENGINES),
-        pytest.param("fused", TANGLED, id="tangled-fused", marks=pytest.mark.long),
-        pytest.param("mujoco", TANGLED, id="tangled-mujoco", marks=pytest.mark.long),
-        pytest.param("ideal", TANGLED, id="tangled-ideal", marks=pytest.mark.long),
+        *((engine, fields) for fields in ({"time": {"end": 0.2}}, CONTINUOUS) for engine in ENGINES),
+        *(long(engine, TANGLED) for engine in ENGINES),
     ],
 )
 def test_periods_are_the_samples_of_simulate(fields: dict[str, Any], engine: str) -> None:
@@ -176,9 +174,6 @@ def test_the_rest_of_a_run_is_recorded(engine: str) -> None:
     np.testing.assert_array_equal(session.observe().displacement, moved)
 
 
-# -- laws and actions --------------------------------------------------------------------------------------------------
-
-
 def wavering(t: float, sample: Sample) -> Array:
     """A law that depends on all that it is shown."""
     pull = -3.0 * sample.disagreement + 0.2 * sample.velocity - 0.1 * sample.displacement
@@ -252,9 +247,6 @@ def test_a_law_begins_again_with_every_episode(engine: str) -> None:
     assert session.engine.controller.traffic.rounds == 0
 
 
-# -- bodies ------------------------------------------------------------------------------------------------------------
-
-
 def test_a_period_that_has_begun_is_taken_to_its_end() -> None:
     session, whole = (Session(mixed_scenario(time={"end": 0.1})) for _ in range(2))
     assert isinstance(session.engine, World)
@@ -263,9 +255,6 @@ def test_a_period_that_has_begun_is_taken_to_its_end() -> None:
     whole.step()
     assert session.time == whole.time
     np.testing.assert_array_equal(session.observe().truth.positions, whole.observe().truth.positions)
-
-
-# -- errors ------------------------------------------------------------------------------------------------------------
 
 
 @engines

@@ -123,9 +123,6 @@ def test_an_interrupted_run_leaves_no_thread_behind() -> None:
     assert threading.active_count() == before
 
 
-# -- what is refused ---------------------------------------------------------------------------------------------------
-
-
 def test_contacts_are_simulated_whatever_threads_are_allowed() -> None:
     touching = mixed_scenario(physics={"contacts": True}, time={"end": 0.05})
     assert bits(simulate(touching, threads=2)) == bits(simulate(touching, threads=1))
