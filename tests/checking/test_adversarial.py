@@ -205,9 +205,6 @@ def test_random_teams_keep_their_certificates_at_the_same_gain(capsys: Capture) 
     assert len(refused) <= (1.0 - KEPT_OF_RANDOM) * len(seeds)
 
 
-# -- the oracle itself ---------------------------------------------------------------------------------------------
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 6, 8, 9, 11, 13, 14, 15, 16, 17, 26, 29, 33, 35, 46, 49, 129])
 def test_the_oracle_agrees_with_the_ideal_backend(seed: int) -> None:

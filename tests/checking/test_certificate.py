@@ -227,17 +227,11 @@ def test_a_run_at_rest_is_not_held_against_less_than_its_own_accuracy() -> None:
     assert run.violation() == ""
 
 
-def _far_channel(gain: float) -> dict[str, Any]:
-    """The weaker bound has the size of the earth's orbit: it confines no agent."""
-    raw = _pushed(gain, 0.0, 0.0)
-    raw["time"] = {"end": 300.0}
-    channel = {"centre": [200.0, 0.0], "direction": [0.0, 1.0], "beta": 1e6, "width": 10.0, "length": 1e6}
-    raw["flow"]["agents"] = {"dimension": 2, "drift": [1.0, 0.0], "channels": [channel]}
-    return raw
-
-
 def test_nothing_follows_from_a_guess(pole: dict[str, Any]) -> None:
-    for raw in (_far_channel(1e-6), pole):
+    """Of a far channel the weaker bound has the size of the earth's orbit: it confines no agent."""
+    channel = {"centre": [200.0, 0.0], "direction": [0.0, 1.0], "beta": 1e6, "width": 10.0, "length": 1e6}
+    flow = {"agents": {"dimension": 2, "drift": [1.0, 0.0], "channels": [channel]}}
+    for raw in (_pushed(1e-6, 0.0, 0.0) | {"time": {"end": 300.0}, "flow": flow}, pole):
         record = analyse(raw)
         theorem = record["theorem"]
         assert not record["region"]["verified"]

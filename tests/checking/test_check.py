@@ -158,8 +158,6 @@ def test_bad_rate_and_radius() -> None:
     for rate, radius in ((-1.0, 1.0), (None, 0.0), (None, float("nan"))):
         with pytest.raises(InputError):
             analyse(scenario, rate=rate, radius=radius)
-    with pytest.raises(InputError):
-        analyse(scenario, rate="fast")
 
 
 def test_a_bound_is_not_claimed_beside_a_speed_limit() -> None:

@@ -8,30 +8,11 @@ import pytest
 
 from mjsheaf import simulate
 from mjsheaf.checking import examine
-from mjsheaf.scenario import Scenario
 from tests.builders import build_scenario
 from tests.commands import Capture, call
 from tests.running import analyse
 
 DRIFT = 1.25  # m/s, which both agents must make up for to stay where they are
-
-
-def stream(limits: tuple[float | None, float | None]) -> Scenario:
-    """Two boats in a current about a target that stands still."""
-    places = {"A": [1.0, 0.0], "B": [-1.0, 2.0]}
-    agents = {
-        id: {"position": x} | ({"velocity_limit": limit} if limit else {})
-        for (id, x), limit in zip(places.items(), limits, strict=True)
-    }
-    return build_scenario(
-        agents,
-        {"T": [0, 0]},
-        [["A", "T"], ["B", "T"]],
-        communication=[["A", "B"]],
-        time={"end": 60},
-        controller={"gain": 2.0},
-        flow={"agents": {"dimension": 2, "drift": [0.75, -1.0]}},
-    )
 
 
 @pytest.mark.slow(first=True)
@@ -47,7 +28,19 @@ def stream(limits: tuple[float | None, float | None]) -> Scenario:
     ],
 )
 def test_a_limit_below_what_q_star_takes_is_named(limits: tuple[float | None, float | None], short: str | None) -> None:
-    scenario = stream(limits)
+    """Of two boats in a current about a target that stands still."""
+    scenario = build_scenario(
+        {
+            "A": {"position": [1.0, 0.0], "velocity_limit": limits[0]},
+            "B": {"position": [-1.0, 2.0], "velocity_limit": limits[1]},
+        },
+        {"T": [0, 0]},
+        [["A", "T"], ["B", "T"]],
+        communication=[["A", "B"]],
+        time={"end": 60},
+        controller={"gain": 2.0},
+        flow={"agents": {"dimension": 2, "drift": [0.75, -1.0]}},
+    )
     found = examine(scenario.system).record.problems
     error = simulate(scenario, "ideal")["tracking_error"]
     late = np.asarray(error[len(error) // 2 :].max("agent"))

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from mjsheaf import load_scenario, simulate
 from mjsheaf.live.live import outlook, view
@@ -72,6 +71,7 @@ def read_frame(message: bytes, said: dict[str, Any]) -> tuple[float, dict[str, A
 def test_the_recorded_scenario_repeats_the_session_to_the_bit(
     name: str, backend: str, end: float, tmp_path: Path
 ) -> None:
+    """Every frame is a sample of the run, with the attitudes of a smooth motion."""
     scenario = load_scenario(name, {"time.end": end})
     lost = scenario.team.agent_ids[0]
     frames = []
@@ -105,20 +105,14 @@ def test_the_recorded_scenario_repeats_the_session_to_the_bit(
     for variable in NAMES:
         np.testing.assert_array_equal(seen[variable].values, again[variable].values, err_msg=variable)
     assert frames
-    compare_frames(frames, again, said)
-
-
-def compare_frames(frames: list[tuple[float, dict[str, Any]]], run: xr.Dataset, said: dict[str, Any]) -> None:
-    """Every frame is a sample of the run, with the attitudes of a smooth motion."""
-    places = positions_of(run)
-    before = -np.inf
+    places, before = positions_of(again), -np.inf
     for time_of, arrays in frames:
         assert time_of > before
         before = time_of
-        k = int(np.argmin(np.abs(run.time.values - time_of)))
-        assert run.time.values[k] == time_of
+        k = int(np.argmin(np.abs(again.time.values - time_of)))
+        assert again.time.values[k] == time_of
         np.testing.assert_allclose(arrays["position"].reshape(-1, 3), places[k] - said["origin"], atol=1e-4)
-        np.testing.assert_allclose(arrays["tracking_error"], run.tracking_error.values[k], rtol=1e-6, atol=1e-30)
+        np.testing.assert_allclose(arrays["tracking_error"], again.tracking_error.values[k], rtol=1e-6, atol=1e-30)
         turned = np.linalg.norm(arrays["quaternion"].reshape(-1, 4), axis=1)
         np.testing.assert_allclose(turned, 1.0, atol=1e-5)
 

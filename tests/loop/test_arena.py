@@ -229,7 +229,8 @@ def test_vehicles_look_as_in_their_file_and_share_materials(edit: Edit | None, t
         sizes.append((model.nmat, model.ntex))
         for v, name in enumerate(names, 1):
             for kind, count in (("geom", alone.ngeom), ("site", alone.nsite)):
-                first = [k for k in range(getattr(model, f"n{kind}")) if owner(model, kind, k) == name]
+                bodies = getattr(model, f"{kind}_bodyid")
+                first = [k for k, body in enumerate(bodies) if model.body(body).name.split("/")[0] == name]
                 assert len(first) == count
                 for here, there in zip(first, range(count), strict=True):
                     colour, *rest = look(model, kind, here)
@@ -240,8 +241,3 @@ def test_vehicles_look_as_in_their_file_and_share_materials(edit: Edit | None, t
                     assert rest == as_alone
     assert sizes[0] == sizes[1]
     assert sizes[0][0] < 20
-
-
-def owner(model: mujoco.MjModel, kind: str, k: int) -> str:
-    """The vehicle that a geom or site belongs to, by its body's name."""
-    return str(model.body(getattr(model, f"{kind}_bodyid")[k]).name.split("/")[0])

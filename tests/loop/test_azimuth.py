@@ -287,9 +287,6 @@ def test_without_limits_and_lag_the_force_is_the_wanted_one_at_once() -> None:
         np.testing.assert_allclose((vehicle.W @ efforts(commands))[:2], wanted, rtol=1e-9, atol=1e-6)
 
 
-# -- about an equilibrium, in a scenario -------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("name", "current", "error"),
     [(NAME, [0.5, 0.3, 0.0], 1e-3), ("otter_rudder", [-0.8, 0.0, 0.0], 1e-2)],

@@ -265,8 +265,6 @@ def test_a_law_in_python_needs_samples() -> None:
     for backend in BACKENDS:
         with pytest.raises(InputError, match=r"controller\.control_period"):
             mjsheaf.simulate(scenario, backend, controller=lambda t, sample: -sample.disagreement)
-    with pytest.raises(InputError, match="controller"):
-        mjsheaf.simulate(mixed_scenario(**SHORT), "ideal", controller=3)  # type: ignore[arg-type]
 
 
 def test_loading_a_law_from_a_file(tmp_path: Any) -> None:

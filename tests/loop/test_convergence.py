@@ -60,9 +60,6 @@ def test_boats_stay_on_the_water_and_hold_their_headings(on_bodies: xr.Dataset) 
     assert not on_bodies.agent_saturation.any()
 
 
-# -- real vehicles as their autopilots are made faster, and targets that are given -------------------------------------
-
-
 def ellipse(name: str, tau: float, timestep: float) -> Scenario:
     """One vehicle after a target on an ellipse, in a drift and a vortex, with thrusters without limits and lag."""
     z = [] if name == "wamv" else [5.0]

@@ -18,7 +18,7 @@ from mjsheaf import World, simulate
 from mjsheaf.arrays import Array
 from mjsheaf.vehicles import vehicle as vehicles
 from mjsheaf.vehicles.loading import load_vehicle
-from tests.builders import altered, build_scenario, find, mixed_scenario, pursuit, setting, xml_of
+from tests.builders import altered, attitudes, build_scenario, find, mixed_scenario, pursuit, setting, xml_of
 from tests.loop.one_vehicle import attitude, body
 from tests.oracles.law import medium, velocity_commands
 from tests.oracles.rigid_body import hold_moment
@@ -30,16 +30,6 @@ SHIFTED = setting(".//inertial", pos="0.15 -0.1 0.2")
 def turn(world: World, v: int, R: Array) -> None:
     """Give vehicle v an attitude."""
     world.data.qpos[body(world, v)[1]][3:] = Rotation.from_matrix(R).as_quat(scalar_first=True)
-
-
-def tumble(world: World, seed: int) -> None:
-    """Give every vehicle a random attitude, velocity and spin, and let MuJoCo and the loop see it."""
-    rng = np.random.default_rng(seed)
-    for v, R in enumerate(Rotation.random(len(world.arena.vehicles), random_state=seed).as_matrix()):
-        turn(world, v, R)
-    world.data.qvel[:] = rng.uniform(-2, 2, world.model.nv)
-    world.close_loop(sample=True)
-    mujoco.mj_forward(world.model, world.data)
 
 
 @pytest.fixture
@@ -61,7 +51,11 @@ def test_force_is_drag_relative_to_medium_and_command_and_the_moment_holds_the_a
     The moment is that of the hold to the level attitude with the given heading, and what accelerates an eccentric mass
     without turning it, c times thrust less drag; and the body's own drag.
     """
-    tumble(world, seed)
+    for v, R in enumerate(attitudes(len(world.arena.vehicles), seed)):
+        turn(world, v, R)
+    world.data.qvel[:] = np.random.default_rng(seed).uniform(-2, 2, world.model.nv)
+    world.close_loop(sample=True)
+    mujoco.mj_forward(world.model, world.data)
     system, data, x = world.system, world.data, world.positions()
     command = velocity_commands(system, world.time, x)
     for v, vehicle in enumerate(world.arena.vehicles):

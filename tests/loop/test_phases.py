@@ -21,19 +21,15 @@ from tests.running import run_ideal, run_physics, stream_ideal, stream_physics
 BACKENDS = [(run_ideal, stream_ideal), (run_physics, stream_physics)]
 
 
-def without_an_edge(system: System) -> System:
-    """The same vehicles without the first edge among agents and with another gain."""
-    team = system.team
-    fewer = Team(team.agents, team.targets, team.communication[1:], team.sensing, team.target_edges, team.formations)
-    return replace(system, team=fewer, gain=2.0, law=pack_law(fewer, 2.0, 0.0, system.law.limit))
-
-
 @pytest.mark.parametrize("backend", BACKENDS, ids=["ideal", "bodies"])
 @pytest.mark.parametrize("period", [0.0, 0.01], ids=["continuous", "held"])
 def test_a_team_that_changes_half_way(backend: Any, period: float) -> None:
+    """It loses the first edge among agents and has another gain."""
     run, pieces = backend
     system = mixed_scenario(time={"end": 0.4}, controller={"gain": 8.0, "control_period": period}).system
-    other = without_an_edge(system)
+    team = system.team
+    fewer = Team(team.agents, team.targets, team.communication[1:], team.sensing, team.target_edges, team.formations)
+    other = replace(system, team=fewer, gain=2.0, law=pack_law(fewer, 2.0, 0.0, system.law.limit))
     whole = run(system)
     changed = list(pieces([Phase(0, system), Phase(20, other)], 1000))
     assert [len(piece.time) for piece in changed] == [20, 21]

@@ -19,7 +19,6 @@ from mjsheaf.loop.loop import STOPPED
 from mjsheaf.vehicles.actuators import AzimuthThruster, RudderThruster, aim, flow_wrench
 from mjsheaf.vehicles.effects import Effects, embody, has_effects
 from mjsheaf.vehicles.loading import load_vehicle
-from mjsheaf.vehicles.vehicle import Vehicle
 from tests.builders import build_scenario
 from tests.loop.one_vehicle import alone, ask, body, yaw_of
 from tests.loop.test_one_sided import errors, make_run
@@ -38,12 +37,7 @@ thrusts = st.floats(0.0, MOST)
 deflections = st.floats(-LIMIT, LIMIT)
 
 
-def bare() -> Vehicle:
-    """The boat without added mass, so forces are not scaled."""
-    return replace(load_vehicle(NAME), added_mass=np.zeros(6))
-
-
-VEHICLE = bare()
+VEHICLE = replace(load_vehicle(NAME), added_mass=np.zeros(6))  # without which forces are not scaled
 CHANNELS = pack_fleet([VEHICLE], np.zeros(1), 0.01).thrusters
 
 
@@ -66,9 +60,6 @@ def oracle(velocity: Any, turn: Any, thrust: float, deflection: float) -> Array:
     lift, drag = coefficient * np.cos(incidence), coefficient * np.sin(incidence)
     ahead, aside = np.array([np.cos(course), np.sin(course)]), np.array([-np.sin(course), np.cos(course)])
     return np.asarray(0.5 * DENSITY * AREA * speed**2 * (lift * aside - drag * ahead))
-
-
-# -- the force ---------------------------------------------------------------------------------------------------------
 
 
 @given(speeds, speeds, rates, thrusts, deflections)

@@ -22,9 +22,6 @@ def bits(world: World) -> bytes:
     return world.data.qpos.tobytes() + world.data.qvel.tobytes()
 
 
-# -- stepping --------------------------------------------------------------------------------------------------------
-
-
 def test_the_initial_condition_is_the_scenarios() -> None:
     world = World(mixed_scenario())
     assert world.time == 0.0
@@ -93,9 +90,6 @@ def test_forces_of_the_users_own_are_felt() -> None:
     np.testing.assert_array_equal(pushed.data.xfrc_applied[body], [0, 0, 1000, 0, 0, 0])
 
 
-# -- blow-up ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("value", [1e12, -1e12, np.nan, np.inf])
 @pytest.mark.parametrize(("name", "v"), [("boat", 0), ("back", 2), ("ship", 4)])
 @pytest.mark.parametrize("array", ["qvel", "qpos"])
@@ -150,9 +144,6 @@ def test_a_run_that_is_bad_from_the_start_keeps_its_start(factor: float) -> None
     assert all(warning.number == 0 for warning in world.data.warning)
 
 
-# -- what the data say -----------------------------------------------------------------------------------------------
-
-
 def test_every_command_has_the_name_of_its_thruster() -> None:
     result = simulate(mixed_scenario(time={"end": 0.02}), backend="physics")
     teams = (("agent", "thruster", "command"), ("target", "target_thruster", "target_command"))
@@ -190,9 +181,6 @@ def test_all_that_a_vehicle_has_carries_its_prefix(visible: bool) -> None:
     assert seen == model.nu
     with refused(InputError, "'v1'", "V0", "V1"):
         world.actuators("v1")
-
-
-# -- contacts --------------------------------------------------------------------------------------------------------
 
 
 def head_on(contacts: bool) -> Array:
