@@ -89,8 +89,8 @@ class SafetyRecord(Record):
     standoff_on_bodies: list[Standoff] = Field(description="the same on bodies, which keep larger distances")
     initial: list[TooClose] = Field(description="pairs that begin too close; the filter drives them apart")
     crossing: list[list[str]] = Field(
-        description="pairs that get too close for bodies on straight ways to their places at the start, and may block "
-        "one another: with tie_break right_hand, only pairs of which one does not yield"
+        description="pairs that get closer than required on straight ways to the places that they have at the start, "
+        "and may block one another: with tie_break right_hand, only pairs of which one does not yield"
     )
     guaranteed: bool = Field(
         description="true if, on ideal kinematics, a pair that keeps its distance never loses it as long as every "

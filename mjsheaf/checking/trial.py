@@ -244,7 +244,8 @@ def _problems(
             yield TrialProblem(kind="too_close", text=text, agent=pair[0], time=worst.time, number=-worst.gap)
             break
     off = np.nan_to_num(data["tracking_error"].values[-1])
-    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else []) & (off > _away(data, behind=_FAR_BY))
+    far = _away(data, behind=_FAR_BY)
+    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else []) & (off > far)
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
     least = _away(data)
@@ -257,7 +258,7 @@ def _problems(
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
     system, last = of_phase(phases, data, -1)
-    growing = list(_diverging(system, last))
+    growing = list(_diverging(system, last, far))
     yield from growing
     if not stuck and not growing:
         yield from _without_headway(system, last)
@@ -317,6 +318,7 @@ def _failing(
 def _diverging(
     system: System,
     last: xr.Dataset,
+    far: Array,
     *,
     growth: float = 1.5,
     faster: float = 2.0,
@@ -333,6 +335,7 @@ def _diverging(
     Args:
         system: System of the last phase.
         last: Its data.
+        far: Mean errors of the last quarter up to which growth at a limit does not count, m, shape (N,).
         growth: Mean error of the last quarter over that about half-way, above which it has grown.
         faster: Growth of one quarter over that of the last, above which the error grows without bound.
         speeds_up: Mean speed of q* in the last quarter over that of the third, above which a target speeds up.
@@ -355,7 +358,7 @@ def _diverging(
     speeds = [np.linalg.norm(np.diff(q, axis=0), axis=2).mean(axis=0) for q in np.array_split(q_star, 4)]
     runs_away &= speeds[3] <= speeds_up * speeds[2]  # else the error follows the target
     at_limit = limited > _OFTEN
-    failed = at_limit & grown & (fourth > _away(last, behind=_FAR_BY)) | runs_away
+    failed = at_limit & grown & (fourth > far) | runs_away
     words = (
         "left behind: the mean error of {name} grows from {middle:.3g} m about the middle to {number:.3g} m in the "
         "last quarter, up to t = {time:.6g} s"
