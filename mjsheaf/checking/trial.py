@@ -244,8 +244,7 @@ def _problems(
             yield TrialProblem(kind="too_close", text=text, agent=pair[0], time=worst.time, number=-worst.gap)
             break
     off = np.nan_to_num(data["tracking_error"].values[-1])
-    far = _away(data, behind=_FAR_BY)
-    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else []) & (off > far)
+    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else []) & (off > _away(data, behind=_FAR_BY))
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
     least = _away(data)
@@ -258,7 +257,7 @@ def _problems(
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
     system, last = of_phase(phases, data, -1)
-    growing = list(_diverging(system, last, far))
+    growing = list(_diverging(system, last, _away(data.sel(agent=last["agent"]), behind=_FAR_BY)))
     yield from growing
     if not stuck and not growing:
         yield from _without_headway(system, last)
