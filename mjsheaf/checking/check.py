@@ -424,7 +424,7 @@ def check(
         radius: Desired ultimate radius of |e|, m; the smallest gain and other laws that reach it are reported.
         rho: User's bound |f_q(q*) - f_q(q)| <= rho(|e|) |e|: a number, coefficients c_0, c_1, ... of a polynomial,
             pairs (radius, value) or a function; None uses the flow's largest slope over the region.
-        trial: True to run the mission once on bodies at the end, False to analyse it only.
+        trial: True to run the mission on bodies at the end, False to analyse it only.
         progress: True shows a bar on a terminal or in a notebook, False and None nothing.
 
     Returns:

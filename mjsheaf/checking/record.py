@@ -230,7 +230,6 @@ _FIXES = {
     4: "as for assumption 2",
 }
 _UNITS = {"gain": " 1/s", "rate": " 1/s", "velocity_limit": " m/s"}  # of fields that a fix sets
-_OFTEN = 0.5  # fraction of the time that a medium must be too fast to carry a vehicle off
 _SPARE = 1.2  # factor between the required speed or rate and the proposed one
 
 
@@ -270,8 +269,8 @@ def _doubts(
         heard: Fraction of the measurements that arrive, below which means over time say little about a run.
         slower: Predicted error on the vehicles over that on ideal kinematics, above which they may not follow.
     """
-    parts: list[PartRecord] = [record, *record.phases]
-    for part in parts:
+    parts: list[PartRecord] = [record]
+    for part in record.phases or parts:
         bodies = part.margins.bodies
         undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > late
         if bodies.stable is None and undecided:
@@ -283,21 +282,26 @@ def _doubts(
             yield "most measurements are lost", lost
         if arriving < 1.0 and part.margins.turning:
             yield f"{part.margins.turning[0]} may not turn as fast as its commands change", lost
-        speed = {one.agent: one.top_speed for one in part.margins.speed}
-        for one in [] if part.links is None or part.links.noise is None else part.links.noise.agents:
-            if (one.command or 0.0) > speed.get(one.agent, math.inf):
-                why = f"noise makes commands of {one.command:.3g} m/s RMS for {one.agent}"
-                yield f"{one.agent} may not follow commands that noise makes", why
+        speed = {one.agent: one.largest for one in part.margins.speed}
+        slowest = min(speed.values(), default=math.inf)  # for agents that are not listed
+        noise = [] if part.links is None or part.links.noise is None else part.links.noise.agents
+        jumpy = [one for one in noise if (one.command or 0.0) > speed.get(one.agent, slowest)]
+        if jumpy:
+            who = and_others(jumpy[0].agent, len(jumpy) - 1)
+            why = f"noise makes commands of {jumpy[0].command:.3g} m/s RMS for {jumpy[0].agent}"
+            yield f"{who} may not follow commands that noise makes", why
         if part.safety is not None and part.safety.crossing:
             first = " and ".join(part.safety.crossing[0])
-            yield "the safety filter may block agents", f"{first} are too close on straight ways to their places"
+            yield "the safety filter may block agents", f"{first} get too close on straight ways to their places"
         moved = part.disturbance
-        for id in (id for id, often in moved.too_fast.items() if often <= _OFTEN):
-            why = f"the medium is up to {moved.carried_off[id]:.3g} m/s too fast at times"
-            yield f"gusts and waves may carry {id} off", why
+        blown = [id for id, often in moved.too_fast.items() if often <= MOSTLY]
+        if blown:
+            why = f"the medium about {blown[0]} is up to {moved.carried_off[blown[0]]:.3g} m/s too fast at times"
+            yield f"gusts and waves may carry {and_others(blown[0], len(blown) - 1)} off", why
     ideal, real = record.steady.ideal, record.steady.bodies
     if ideal is not None and real is not None and real > max(slower * ideal, 1.0):
-        yield "the vehicles may be too slow", f"{real:.3g} m of error are predicted, {ideal:.3g} m without inertia"
+        why = f"{real:.3g} m of error are predicted, and {ideal:.3g} m on ideal kinematics"
+        yield "the vehicles may be too slow", why
 
 
 def reasons_of(record: CheckRecord) -> list[str]:
@@ -485,8 +489,7 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
         )
     slow = list(_of_slow(part))
     yield from slow
-    moved = part.disturbance
-    carried = {id: excess for id, excess in moved.carried_off.items() if moved.too_fast[id] > _OFTEN}
+    carried = {id: often for id, often in part.disturbance.too_fast.items() if often > MOSTLY}
     blown = {id: (wind, most) for id, (wind, most) in part.margins.wind.items() if most is not None and wind > most}
     if blown:
         worst_id, (wind, most) = min(blown.items(), key=lambda item: item[1][1] / item[1][0])
@@ -503,8 +506,8 @@ def _of_speeds(part: PartRecord) -> Iterator[Problem]:
         yield Problem(
             kind="gusts",
             what=f"{and_others(worst_id, len(carried) - 1)} cannot hold against gusts and waves",
-            why=f"the medium about {worst_id} is up to {carried[worst_id]:.3g} m/s faster than its vehicle can be, and "
-            f"faster for {100.0 * moved.too_fast[worst_id]:.0f} % of the time",
+            why=f"the medium about {worst_id} is faster than its vehicle can be for "
+            f"{100.0 * carried[worst_id]:.0f} % of the time",
             fix="a calmer medium, faster vehicles, or a higher velocity_limit if the vehicle allows it",
         )
 

@@ -43,6 +43,7 @@ MOSTLY = 0.5
 """Fraction of the samples above which a formation cannot be reached."""
 
 _MOST_PAIRS = 200  # maximum number of pairs in a record, the closest ones
+_MOST_MET = 16  # others that agents let pass when all turn right: of 40 on a circle, none gets across
 _ROUNDING = 1e-9  # tolerance of a distance, m, and of a speed, m/s
 
 
@@ -90,7 +91,8 @@ class SafetyRecord(Record):
     initial: list[TooClose] = Field(description="pairs that begin too close; the filter drives them apart")
     crossing: list[list[str]] = Field(
         description="pairs that get closer than required on straight ways to the places that they have at the start, "
-        "and may block one another: with tie_break right_hand, only pairs of which one does not yield"
+        "and may block one another: with tie_break right_hand, only those with a target or an obstacle, which do not "
+        f"yield, or with an agent that meets more than {_MOST_MET} others"
     )
     guaranteed: bool = Field(
         description="true if, on ideal kinematics, a pair that keeps its distance never loses it as long as every "
@@ -123,9 +125,6 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
     wide = system.separation(system.safety_margins)
     known = not system.team.targets or certificate.constants.path.cells is not None
     ideal, bodies = (standoffs(system, of, arrays, names, times, places) if known else [] for of in (arrays, wide))
-    share = np.linspace(0.0, 1.0, 50)
-    ways = initial + share[:, None, None] * (places[0] - initial)
-    meeting = [one.pair for one in find_too_close(arrays, names, times[0] + share, ways) if one.time > times[0]]
     about = arrays.unsteady + np.linalg.norm(arrays.carried, axis=1)
     moving = system.largest_disturbance + [system.flows[k].kernel_speed for k in system.field]
     return SafetyRecord(
@@ -134,7 +133,7 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
         standoff=ideal,
         standoff_on_bodies=bodies,
         initial=find_too_close(arrays, names, times[:1], initial),
-        crossing=[pair for pair in meeting if not (arrays.right and set(pair) <= set(names[: arrays.agents]))],
+        crossing=_crossings(arrays, names, times[0], initial[0], places[0]),
         guaranteed=not reasons,
         reasons=reasons,
         range=arrays.reach,
@@ -143,6 +142,33 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
         margins=dict(zip(names, system.safety_margins.tolist(), strict=False)),
         without_margin=[names[v] for v in np.flatnonzero(system.without_margin)],
     )
+
+
+def _crossings(
+    safety: SafetyArrays, names: list[str], time: float, start: Array, places: Array, *, most: int = 400
+) -> list[list[str]]:
+    """Return the pairs that may block one another; see `SafetyRecord.crossing`.
+
+    Args:
+        safety: Parameters of the safety filter.
+        names: Ids of vehicles and obstacles, which are taken where they begin.
+        time: Start of the run, s.
+        start: Initial positions in space, shape (V, 3), m.
+        places: Places in q*, and positions of the targets, at the start, in space, shape (V, 3), m.
+        most: Largest number of samples of a way; shorter ways are sampled each half of a required distance.
+    """
+    length = float(np.nan_to_num(np.linalg.norm(places - start, axis=1)).max())
+    kept = np.concatenate([2.0 * safety.radius, safety.clearance])
+    share = np.linspace(0.0, 1.0, min(most, 2 + int(2.0 * length / max(kept[kept > 0.0].min(initial=np.inf), 1e-3))))
+    begin = {tuple(one.pair): one.gap for one in find_too_close(safety, names, np.full(1, time), start[None])}
+    ways = start + share[:, None, None] * (places - start)
+    found = find_too_close(safety, names, np.full(len(share), time), ways, most=len(names) ** 2)
+    pairs = [one.pair for one in found if one.gap < begin.get(tuple(one.pair), 0.0) - _ROUNDING]
+    if safety.right:
+        met = Counter(name for pair in pairs for name in pair)
+        agents = {name for name in names[: safety.agents] if met[name] <= _MOST_MET}
+        pairs = [pair for pair in pairs if not set(pair) <= agents]
+    return pairs[:_MOST_PAIRS]
 
 
 def standoffs(
@@ -289,7 +315,9 @@ def too_close_in(system: System, run: xr.Dataset) -> dict[tuple[str, ...], TooCl
     return {tuple(one.pair): one for one in find_too_close(safety, names, run["time"].values, places)}
 
 
-def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places: Array) -> list[TooClose]:
+def find_too_close(
+    safety: SafetyArrays, names: list[str], times: Array, places: Array, *, most: int = _MOST_PAIRS
+) -> list[TooClose]:
     """List the pairs of an agent and something else that are too close at some time, the closest first.
 
     Args:
@@ -297,6 +325,7 @@ def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places:
         names: Ids of vehicles and obstacles.
         times: Sample times, shape (T,), s.
         places: Positions in space, shape (T, V, 3), m.
+        most: Largest number of pairs, the closest ones.
     """
     worst = dict[tuple[int, int], tuple[float, float]]()
     count: Counter[tuple[int, int]] = Counter()
@@ -317,7 +346,7 @@ def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places:
                     worst[i, j] = gap, float(times[k])
     return [
         TooClose(pair=[names[i], names[j]], time=time, gap=gap, fraction=count[i, j] / len(times))
-        for (i, j), (gap, time) in sorted(worst.items(), key=lambda item: item[1][0])[:_MOST_PAIRS]
+        for (i, j), (gap, time) in sorted(worst.items(), key=lambda item: item[1][0])[:most]
     ]
 
 

@@ -1,9 +1,11 @@
-"""Trial of a mission: the scenario is run once on bodies, without files, and its end is judged.
+"""Trial of a mission: the scenario is run on bodies, without files, and its end is judged.
 
 The analysis of `check` covers linear loops and bounds. The trial covers everything else in a run: limits of thrusters,
 large angles, the safety filter, losses, gusts. It uses the fused engine, or MuJoCo if contacts are on, with the
 scenario's seed. Its verdict is the same on every machine, because the part that is tried depends only on the number of
 vehicle-steps.
+
+One more run, without the safety filter, decides whether the filter holds up agents that are away from their places.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -69,8 +71,8 @@ class TrialProblem(Record):
     """A reason why a mission failed when it was tried."""
 
     kind: str = Field(
-        description="refused, blow_up, diverging, saturated, deadlock, stuck, too_close, limit_cycle, target, fallen, "
-        "far_off, or expectation"
+        description="refused, blow_up, diverging, saturated, deadlock, held_up, stuck, too_close, limit_cycle, target, "
+        "fallen, far_off, or expectation"
     )
     text: str = Field(description="a sentence with agent, time and number")
     agent: str | None = Field(None, description="id of the agent with the worst value; null for the team")
@@ -150,9 +152,8 @@ def _away(data: xr.Dataset, *, behind: float = 0.5, share: float = 0.1) -> Array
     """Return the error above which each agent is away from its place, m, shape (N,).
 
     One that has come within half a metre, and within a tenth of its largest error, has done its way: it rests where its
-    vehicle cannot follow the small commands that are left, as a boat that cannot go astern, or where the safety filter
-    keeps it. The tenth is for small teams and for agents that never got under way, which are away however near they
-    are.
+    vehicle cannot follow the small commands that are left, as a boat that cannot go astern. The tenth is for small
+    teams and for agents that never got under way, which are away however near they are.
 
     Args:
         data: The run.
@@ -244,7 +245,7 @@ def _problems(
             yield TrialProblem(kind="too_close", text=text, agent=pair[0], time=worst.time, number=-worst.gap)
             break
     off = np.nan_to_num(data["tracking_error"].values[-1])
-    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else []) & (off > _away(data, behind=_FAR_BY))
+    deadlocked = np.isin(team.agent_ids, safety["deadlocked"] if safety else [])
     words = "deadlocked: the safety filter keeps {name} {number:.3g} m off at t = {time:.6g} s"
     yield from _failing("deadlock", team.agent_ids, deadlocked, off, end, words)
     least = _away(data)
@@ -274,9 +275,9 @@ def _problems(
     present = np.isfinite(data["tracking_error"].values)  # one that is lost falls
     depth = np.where(flying & present & (system.bodies.surface != "none"), depth, 0.0)
     deepest = depth.max(axis=0)
-    when = float(data["time"][int(depth.max(axis=1).argmax())])
-    words = "below the surface at t = {time:.6g} s: {name} by {number:.3g} m"
-    yield from _failing("fallen", team.agent_ids, deepest > _DEPTH, deepest, when, words)
+    since = float(data["time"][int((depth > _DEPTH).any(axis=1).argmax())])
+    words = "below the surface, first at t = {time:.6g} s: {name} by up to {number:.3g} m"
+    yield from _failing("fallen", team.agent_ids, deepest > _DEPTH, deepest, since, words)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
         for check in check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]:
@@ -406,17 +407,23 @@ def _held_up(
     if not failed.any():
         return
     free = [replace(phase, system=replace(phase.system, safety=None)) for phase in phases]
-    without = _run(scenario, free, progress).data
-    if without.attrs["status"] != "finished":
-        return
-    left = _of_quarters(of_phase(free, without, -1)[1])[3]
     words = (
         "held up: the safety filter changes commands of {name} by {changed:.3g} m/s in the last quarter, up to "
-        "t = {time:.6g} s, where it is {number:.3g} m off, and {left:.3g} m without the filter"
+        "t = {time:.6g} s, where it is {number:.3g} m off"
     )
+    try:
+        without = _run(scenario, free, progress).data
+    except InputError:  # of a registered term
+        without = None
+    if without is None or without.attrs["status"] != "finished":
+        left = np.zeros(len(off))
+        words += ", and the run fails without the filter"
+    else:
+        left = _of_quarters(of_phase(free, without, -1)[1])[3]
+        words += ", and {left:.3g} m without the filter"
     failed &= off - left > np.maximum(_FAR_BY, nearer * off)
     ids, until = system.team.agent_ids, float(last["time"][-1])
-    yield from _failing("deadlock", ids, failed, off, until, words, changed=changed, left=left)
+    yield from _failing("held_up", ids, failed, off, until, words, changed=changed, left=left)
 
 
 def _without_headway(

@@ -55,7 +55,7 @@ def check(
     ] = False,
     full: Annotated[bool, typer.Option("--full", help="Print the whole report instead of one screen.")] = False,
     trial: Annotated[
-        bool, typer.Option("--trial/--no-trial", help="Run the mission once on bodies, and judge how it ends.")
+        bool, typer.Option("--trial/--no-trial", help="Run the mission on bodies, and judge how it ends.")
     ] = True,
     plot: Annotated[
         Path | None,
@@ -87,7 +87,7 @@ def check(
     Decides the paper's assumptions and predicts the tracking error, the largest stable gain and the delay margin. With
     --full it also prints every number of the record under its name in --json.
 
-    At the end the mission is run once on bodies, without files. OK means that the assumptions hold, and that it worked
+    At the end the mission is run on bodies, without files. OK means that the assumptions hold, and that it worked
     when tried.
 
     The exit code is 1 if an assumption fails or is undecided, if the loop of the law, of the vehicles or of the targets

@@ -21,15 +21,15 @@ def hunt(vehicle: str = "hull", motion: Any = STILL, place: tuple[float, ...] = 
     return build_scenario({"A": agent}, {"T": target}, [["A", "T"]], **{"time": {"end": 40.0}} | fields)
 
 
-def exchange(tie_break: str, *obstacles: dict[str, Any]) -> Scenario:
+def exchange(tie_break: str, *obstacles: dict[str, Any], x: float = 9.0) -> Scenario:
     """Two agents on one line that change places, below their targets."""
-    agents = {name: {"position": [x, 0.0], "vehicle": "hull"} for name, x in [("A", -8.0), ("B", 8.0)]}
-    targets = {name: {"position": [x, 0.0, 30.0], "motion": STILL} for name, x in [("T", 9.0), ("U", -9.0)]}
+    agents = {name: {"position": [x, 0.0], "vehicle": "hull"} for name, x in [("A", 1.0 - x), ("B", x - 1.0)]}
+    targets = {name: {"position": [x, 0.0, 30.0], "motion": STILL} for name, x in [("T", x), ("U", -x)]}
     return build_scenario(
         agents,
         targets,
         [["A", "T"], ["B", "U"]],
-        communication=[{"between": ["A", "B"], "offset": [18.0, 0.0], "weight": 0.01}],
+        communication=[{"between": ["A", "B"], "offset": [2.0 * x, 0.0], "weight": 0.01}],
         time={"end": 40.0},
         controller={"velocity_limit": 2.0},
         safety={"distance": 1.5, "tie_break": tie_break, "obstacles": list(obstacles)},
@@ -55,6 +55,7 @@ PILLAR = {"kind": "sphere", "centre": [0.0, 0.0, 0.0], "radius": 1.0}
         (hunt("quadrotor", place=(0.0, 0.0, 10.0), links={"all": {"noise": 0.1}}), ""),
         (exchange("right_hand"), ""),
         (exchange("none"), "the safety filter may block agents"),
+        (exchange("none", x=150.0), "the safety filter may block agents"),
         (exchange("right_hand", PILLAR), "the safety filter may block agents"),
     ],
 )
@@ -67,26 +68,35 @@ def test_what_only_a_trial_can_decide_is_not_ok_without_one(scenario: Scenario, 
     assert "untried" not in {one["kind"] for one in mjsheaf.check(scenario, progress=False)["problems"]}
 
 
+SEA = {"kind": "jonswap", "significant_height": 2.0, "peak_period": 8.0, "direction": 30}
+
+
 @pytest.mark.parametrize(
-    ("drift", "wind", "kind"),
+    ("vehicle", "limit", "flow", "kind"),
     [
-        (3.0, 6.0, None),
-        (6.0, 8.0, "untried"),
-        (9.3, 8.0, "gusts"),
+        ("quadrotor", None, {"drift": [3.0, 0.0, 0.0], "gusts": {"kind": "dryden", "wind_speed": 6.0}}, None),
+        ("quadrotor", None, {"drift": [6.0, 0.0, 0.0], "gusts": {"kind": "dryden", "wind_speed": 8.0}}, "untried"),
+        ("quadrotor", None, {"drift": [9.3, 0.0, 0.0], "gusts": {"kind": "dryden", "wind_speed": 8.0}}, "gusts"),
+        # Waves without spreading move a boat along one axis.
+        ("wamv", 0.4, {"waves": SEA}, "untried"),
+        ("wamv", 0.4, {"drift": [0.3, 0.1], "waves": SEA}, "gusts"),
     ],
 )
-def test_gusts_are_too_fast_as_often_as_foreseen(drift: float, wind: float, kind: str | None) -> None:
-    gusts = {"kind": "dryden", "wind_speed": wind}
+def test_gusts_and_waves_are_too_fast_as_often_as_foreseen(
+    vehicle: str, limit: float | None, flow: dict[str, Any], kind: str | None
+) -> None:
+    medium, place = ("air", (0.0, 0.0, 20.0)) if "gusts" in flow else ("water", (0.0, 0.0))
     scenario = hunt(
-        "quadrotor",
-        place=(0.0, 0.0, 20.0),
+        vehicle,
+        place=place,
         time={"end": 20_000.0},
-        controller={"control_period": 0.5},
-        flow={"air": {"dimension": 3, "drift": [drift, 0.0, 0.0], "gusts": gusts}},
+        controller={"control_period": 0.5} | ({"velocity_limit": limit} if limit else {}),
+        flow={medium: {"dimension": len(place), **flow}},
     )
     times = np.arange(0.0, 20_000.0, 0.5)
-    speed = np.linalg.norm(mjsheaf.medium(scenario).velocity("A", times, np.array([0.0, 0.0, 20.0]))[:, :2], axis=1)
-    faster = float((speed > scenario.whole.vehicles[0].capability.least_speed).mean())
+    there = np.resize(place, 3) * [1.0, 1.0, len(place) == 3]
+    speed = np.linalg.norm(mjsheaf.medium(scenario).velocity("A", times, there)[:, :2], axis=1)
+    faster = float((speed > (limit or scenario.whole.vehicles[0].capability.top_speed)).mean())
     record = analyse(scenario)
     assert record["disturbance"]["too_fast"].get("A", 0.0) == pytest.approx(faster, abs=0.02)
     assert [problem["kind"] for problem in record["problems"]] == ([kind] if kind else [])

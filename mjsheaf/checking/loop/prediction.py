@@ -43,7 +43,6 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 from scipy import linalg
-from scipy.special import chndtr
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import (
@@ -152,7 +151,7 @@ def steady_error(
         medium = medium_on_path(system, certificate.constants.path)
         vehicles = linear_vehicles(system, range(len(limit)), medium)
         able = [vehicle.capability for vehicle in system.vehicles[: len(limit)]]
-        fastest = np.minimum(limit, [one.forward_speed for one in able])
+        fastest = np.minimum(limit, [one.top_speed for one in able])
         law = system.control_of_bodies.law  # whose feedforward leads by the time constants
         if len(law.terms.lead) and np.ptp(law.terms.lead) > 0.0:
             raise UndecidedError("feedforward leads by the unlike time constants of the vehicles")
@@ -325,7 +324,9 @@ class DisturbanceRecord(Record):
         "RMS, over the vehicle's steady speed in its slowest direction, m/s",
     )
     too_fast: dict[str, float] = Field(
-        {}, description="fraction of the time that the medium is faster than that speed, of the same agents"
+        {},
+        description="fraction of the time that the medium is faster than the vehicle in its fastest direction, or than "
+        "its velocity limit, of the same agents",
     )
     clipped: dict[str, float] = Field(
         {},
@@ -449,30 +450,34 @@ def predict_rms(
     )
 
 
-def _carried_off(system: System, medium: Array) -> tuple[dict[str, float], dict[str, float]]:
+def _carried_off(system: System, medium: Array, *, draws: int = 20_000) -> tuple[dict[str, float], dict[str, float]]:
     """Return the agents for which the medium is too fast at times: by how much, m/s, and for which part of the time.
 
-    The part that changes is taken to be normal, with half of its variance along each horizontal axis. The square of the
-    speed, over that half, then has the noncentral chi-squared distribution of two degrees of freedom.
+    Args:
+        system: The system.
+        medium: Mean velocity of the medium about each agent, shape (N, 3), m/s.
+        draws: Velocities that are drawn of each agent's medium, a normal variable, for the latter.
     """
-    variance = np.zeros(len(system.field))
+    covariance = np.zeros((len(system.field), 2, 2))  # of horizontal velocities
     for number, flow in enumerate(system.flows):
         if flow.waves is not None:
-            along, up = _speeds(system, flow.waves.sampled(system.seed), number, system.initial[:, 2])
-            variance += 0.5 * np.sum(along**2 + up**2, axis=0)
+            waves = flow.waves.sampled(system.seed)
+            along, _ = _speeds(system, waves, number, system.initial[:, 2])
+            covariance += 0.5 * np.einsum("wv,wi,wj->vij", along**2, waves.unit, waves.unit)
     for gusts in of_kind(system.moving, GustArrays):
-        variance[gusts.met > 0] += 2.0 * np.square(gusts.filter.output[:, 0, 0])
+        covariance[gusts.met > 0] += np.square(gusts.filter.output[:, 0, 0])[:, None, None] * np.eye(2)
     for frozen in of_kind(system.moving, FrozenArrays):
-        variance += 2.0 * frozen.filter.output[0, 0, 0] ** 2 * (frozen.met > 0)
+        covariance[frozen.met > 0] += frozen.filter.output[0, 0, 0] ** 2 * np.eye(2)
     excess, fraction = dict[str, float](), dict[str, float]()
+    normal = np.random.default_rng(0).standard_normal((draws, 2))
     for i, id in enumerate(system.team.agent_ids):
-        able = min(system.vehicles[i].capability.least_speed, float(system.law.limit[i]))
-        mean, half = float(np.linalg.norm(medium[i])), 0.5 * float(variance[i])
-        over = mean + 2.0 * math.sqrt(variance[i]) - able
+        able, limit = system.vehicles[i].capability, float(system.law.limit[i])
+        over = float(np.linalg.norm(medium[i]) + 2.0 * np.sqrt(np.trace(covariance[i]))) - min(able.least_speed, limit)
         if over > 0.0:
             excess[id] = over
-            varies = half > 1e-4 * mean**2  # `chndtr` is for moderate ratios
-            fraction[id] = 1.0 - float(chndtr(able**2 / half, 2.0, mean**2 / half)) if varies else float(mean > able)
+            values, axes = np.linalg.eigh(covariance[i])
+            speed = np.linalg.norm(medium[i, :2] + normal * np.sqrt(np.maximum(values, 0.0)) @ axes.T, axis=1)
+            fraction[id] = float((np.hypot(speed, medium[i, 2]) > min(able.top_speed, limit)).mean())
     return excess, fraction
 
 
