@@ -400,6 +400,7 @@ class _Motion:
     Attributes:
         error: Mean tracking error, m.
         commanded: Mean speed of the commands over blocks, m/s.
+        steady: That over the mean size of the commands: small if they turn within a block.
         made: Mean velocity through the medium along the commands, m/s.
         shortfall: Missing part of the commanded velocity, as a fraction of it.
         limited: Fraction of the time at the velocity limit.
@@ -410,6 +411,7 @@ class _Motion:
 
     error: float
     commanded: float
+    steady: float
     made: float
     shortfall: float
     limited: float
@@ -494,7 +496,8 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     if first.error > second.error > third.error and last.error < APPROACHING * third.error:
         return None
     tail = f"{third.error:.1f} then {last.error:.1f} m off in the last quarters"
-    if last.error > MIN_STUCK_ERROR and last.commanded > 0.1 and last.made < 0.15 * last.commanded:
+    goes = last.commanded > 0.1 and last.steady > 0.5
+    if last.error > MIN_STUCK_ERROR and goes and last.made < 0.15 * last.commanded:
         return f"is stuck: commanded {last.commanded:.2f} m/s, makes {last.made:.2f} m/s, {tail}"
     if last.error > MIN_STUCK_ERROR and last.corrected > 0.1 and last.corrected > 0.3 * last.commanded:
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
@@ -505,6 +508,9 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     if last.error > MIN_ERROR and last.of_place < 1.1 * third.of_place and grows(run, i, cuts[2]):
         return f"diverges, and its place moves no faster: {tail}"
     before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (2, 3))
+    if not before:  # something drove it, and it may decay now
+        middle = 0.5 * (cuts[3] + cuts[4])
+        before, after = _swing(run, i, cuts[3], middle), _swing(run, i, middle, cuts[4])
     if after > MIN_STUCK_ERROR and after > APPROACHING * before:
         return f"swings by {after:.1f} m RMS about a mean that neither q* nor the medium drives"
     return None
@@ -543,6 +549,7 @@ def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> 
     return _Motion(
         error=float(np.nanmean(part["tracking_error"].values)),
         commanded=size,
+        steady=size / max(float(np.linalg.norm(command, axis=1).mean()), 1e-9),
         made=float((made * wanted).sum(axis=1).mean() / max(size, 1e-9)),
         shortfall=float(1.0 - (made * wanted).sum() / max((wanted**2).sum(), 1e-9)),
         limited=float((np.linalg.norm(command, axis=1) > 0.999 * limit).mean()),

@@ -5,12 +5,12 @@ large angles, the safety filter, losses, gusts. It uses the fused engine, or MuJ
 scenario's seed. Its verdict is the same on every machine, because the part that is tried depends only on the number of
 vehicle-steps.
 
-One more run, without the safety filter, decides whether the filter holds up agents that are away from their places.
+One more run, without the safety filter or velocity limits, decides whether these hold up agents that are away.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -64,6 +64,7 @@ _JUDGED = (
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
 _FAR_BY = 1.0  # m: errors and motions that count
+_NEARLY = 1.0 - 1e-9  # fraction of the velocity limit at which a command is at it
 _DEPTH = 0.1  # m below the surface, at which an aircraft has fallen
 
 
@@ -380,50 +381,56 @@ def _held_up(
     *,
     least: float = 0.1,
     share: float = 0.3,
+    mostly: float = 0.5,
     nearer: float = 0.15,
 ) -> Iterator[TrialProblem]:
-    """Yield agents that the safety filter holds up in the last quarter, away from their places, without an approach.
+    """Yield agents that the safety filter or a velocity limit holds up, away from their places, without an approach.
 
-    A filter that acts does not hold an agent up by itself: one more run, without it, shows how far off it is then.
+    That a filter acts, or a command is at its limit, does not hold an agent up by itself. One more run, without it,
+    shows how far off the agent is then.
 
     Args:
         scenario: The scenario.
         phases: Its phases.
         data: The run.
         progress: Called with the samples done and the number of samples.
-        least: Mean change of commands below which the filter does not hold an agent up, m/s.
-        share: That change over the mean speed that is left of the commands, below which it does not, either.
-        nearer: Fraction of the mean error, and at least `_FAR_BY`, that must be missing without the filter.
+        least: Mean change of commands in the last quarter, up to which the filter does not hold an agent up, m/s.
+        share: That change over the mean speed that is left of the commands, up to which it does not, either.
+        mostly: Fraction of the last quarter at the velocity limit, up to which the limit does not hold an agent up.
+        nearer: Fraction of the mean error, and at least `_FAR_BY`, that must be missing in the other run.
     """
     system, last = of_phase(phases, data, -1)
-    if "safety_correction" not in last or last.sizes["time"] < _MIN_SAMPLES:
+    if last.sizes["time"] < _MIN_SAMPLES:
         return
     quarters = _of_quarters(last)
-    off = quarters[3]
+    _, _, third, off = quarters
     end = last.isel(time=slice(-(last.sizes["time"] // 4), None))
-    changed = end["safety_correction"].mean("time").values
-    failed = (changed > np.maximum(least, share * _by_second(end, np.zeros(3))[0].mean(axis=0))) & (off > 1.5 * _FAR_BY)
-    failed &= ~_are_approaching(quarters)
-    if not failed.any():
-        return
-    free = [replace(phase, system=replace(phase.system, safety=None)) for phase in phases]
-    words = (
-        "held up: the safety filter changes commands of {name} by {changed:.3g} m/s in the last quarter, up to "
-        "t = {time:.6g} s, where it is {number:.3g} m off"
-    )
-    try:
-        without = _run(scenario, free, progress).data
-    except InputError:  # of a registered term
-        without = None
-    if without is None or without.attrs["status"] != "finished":
-        left = np.zeros(len(off))
-        words += ", and the run fails without the filter"
-    else:
-        left = _of_quarters(of_phase(free, without, -1)[1])[3]
-        words += ", and {left:.3g} m without the filter"
-    failed &= off - left > np.maximum(_FAR_BY, nearer * off)
-    ids, until = system.team.agent_ids, float(last["time"][-1])
-    yield from _failing("held_up", ids, failed, off, until, words, changed=changed, left=left)
+    speed = np.linalg.norm(np.nan_to_num(end["velocity_command"].values), axis=2)
+    limited = (speed >= _NEARLY * system.law.limit[: speed.shape[1]]).mean(axis=0) > mostly
+    causes: dict[str, tuple[BoolArray, dict[str, Any]]] = {}
+    causes["velocity limits"] = limited & (off > np.maximum(3.0 * _FAR_BY, third)), {"unlimited": True}
+    if "safety_correction" in end:
+        changed = end["safety_correction"].mean("time").values
+        acts = changed > np.maximum(least, share * _by_second(end, np.zeros(3))[0].mean(axis=0))
+        causes["the safety filter"] = acts & (off > 1.5 * _FAR_BY), {"safety": None}
+    for cause, (held, without) in causes.items():
+        held &= ~_are_approaching(quarters)
+        if not held.any():
+            continue
+        free = [replace(phase, system=replace(phase.system, **without)) for phase in phases]
+        words = "held up: {name} is {number:.3g} m off in the last quarter, up to t = {time:.6g} s, "
+        try:
+            other = _run(scenario, free, progress).data
+        except InputError:  # of a registered term
+            other = None
+        if other is None or other.attrs["status"] != "finished":
+            left = np.zeros(len(off))
+            words += f"and the run fails without {cause}"
+        else:
+            left = _of_quarters(of_phase(free, other, -1)[1])[3]
+            words += f"and {{left:.3g}} m without {cause}"
+        held &= off - left > np.maximum(_FAR_BY, nearer * off)
+        yield from _failing("held_up", system.team.agent_ids, held, off, float(last["time"][-1]), words, left=left)
 
 
 def _without_headway(
@@ -580,7 +587,6 @@ def _limited(
     system: System,
     data: xr.Dataset,
     *,
-    nearly: float = 1.0 - 1e-9,
     unmade: float = 0.03,
     shortfall: float = 0.2,
 ) -> Array:
@@ -596,7 +602,6 @@ def _limited(
     Args:
         system: System of the run.
         data: The run.
-        nearly: Fraction of the velocity limit at which a command is at it.
         unmade: Missing fraction of the commanded velocity, above which a saturated thruster limits a vehicle.
         shortfall: The same fraction for a vehicle whose thrusters do not saturate.
     """
@@ -611,7 +616,7 @@ def _limited(
     held = -system.drift_in_wind(-steady)
     size, along = _by_second(half, held)
     at_limit = (saturation > 0.0) & (along < (1.0 - unmade) * size)
-    at_limit |= np.linalg.norm(command, axis=2) >= nearly * system.law.limit[: command.shape[1]]
+    at_limit |= np.linalg.norm(command, axis=2) >= _NEARLY * system.law.limit[: command.shape[1]]
     commanded = np.linalg.norm(command.mean(axis=0), axis=1)
     missing = command.mean(axis=0) - held - steady
     short = (commanded > MIN_SPEED) & (np.linalg.norm(missing, axis=1) > shortfall * commanded)
