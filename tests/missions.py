@@ -400,7 +400,7 @@ class _Motion:
     Attributes:
         error: Mean tracking error, m.
         commanded: Mean speed of the commands over blocks, m/s.
-        steady: That over the mean size of the commands: small if they turn within a block.
+        steady: That over the mean speed of the commands over seconds: small if they turn within a block.
         made: Mean velocity through the medium along the commands, m/s.
         shortfall: Missing part of the commanded velocity, as a fraction of it.
         limited: Fraction of the time at the velocity limit.
@@ -508,10 +508,11 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     if last.error > MIN_ERROR and last.of_place < 1.1 * third.of_place and grows(run, i, cuts[2]):
         return f"diverges, and its place moves no faster: {tail}"
     before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (2, 3))
-    if not before:  # something drove it, and it may decay now
+    decays = after < APPROACHING * before
+    if not before:  # something drove it, and what is left may decay now
         middle = 0.5 * (cuts[3] + cuts[4])
-        before, after = _swing(run, i, cuts[3], middle), _swing(run, i, middle, cuts[4])
-    if after > MIN_STUCK_ERROR and after > APPROACHING * before:
+        decays = _swing(run, i, middle, cuts[4]) < APPROACHING * _swing(run, i, cuts[3], middle)
+    if after > MIN_STUCK_ERROR and not decays:
         return f"swings by {after:.1f} m RMS about a mean that neither q* nor the medium drives"
     return None
 
@@ -544,12 +545,14 @@ def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> 
     wanted = np.array([command[block].mean(axis=0) for block in blocks])
     made = np.array([through[block].mean(axis=0) for block in blocks])
     size = float(np.linalg.norm(wanted, axis=1).mean())
+    seconds = np.array_split(np.arange(len(time)), max(1, round(time[-1] - time[0])))  # noise is gone from their means
+    each_second = np.array([command[second].mean(axis=0) for second in seconds])
     limit = mission["controller"].get("velocity_limit", np.inf)
     corrected = part["safety_correction"].values.mean() if "safety_correction" in part else 0.0
     return _Motion(
         error=float(np.nanmean(part["tracking_error"].values)),
         commanded=size,
-        steady=size / max(float(np.linalg.norm(command, axis=1).mean()), 1e-9),
+        steady=size / max(float(np.linalg.norm(each_second, axis=1).mean()), 1e-9),
         made=float((made * wanted).sum(axis=1).mean() / max(size, 1e-9)),
         shortfall=float(1.0 - (made * wanted).sum() / max((wanted**2).sum(), 1e-9)),
         limited=float((np.linalg.norm(command, axis=1) > 0.999 * limit).mean()),

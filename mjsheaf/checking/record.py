@@ -258,30 +258,31 @@ def untried_of(record: CheckRecord) -> list[Problem]:
 
 
 def _doubts(
-    record: CheckRecord, *, late: float = 7.0 / 16.0 * math.pi, heard: float = 0.5, slower: float = 1.1
+    record: CheckRecord, *, max_lag: float = 7.0 / 16.0 * math.pi, min_delivery: float = 0.5, slower: float = 1.1
 ) -> Iterator[tuple[str, str]]:
     """Yield what a linear analysis cannot decide, and why.
 
     Args:
         record: The record of the analysis.
-        late: Phase lag of inertia, delays and losses together at the crossover, above which a loop over links that are
-            not exact is in doubt, rad.
-        heard: Fraction of the measurements that arrive, below which means over time say little about a run.
+        max_lag: Phase lag of inertia, delays and losses together at the crossover, above which a loop over inexact
+            links is in doubt, rad.
+        min_delivery: Fraction of the measurements that arrive, below which means over time say little about a run.
         slower: Predicted error on the vehicles over that on ideal kinematics, above which they may not follow.
     """
     parts: list[PartRecord] = [record]
     for part in record.phases or parts:
         bodies = part.margins.bodies
-        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > late
+        undecided = bodies.obstacle == "no model" or _late_phase(part, max(bodies.tau)) > max_lag
         if bodies.stable is None and undecided:
             yield "the vehicles' loop is undecided", bodies.reason
         shares = {} if part.links is None else part.links.delivery
         arriving = min((share for share in shares.values() if share is not None), default=1.0)
         lost = f"links lose {100.0 * (1.0 - arriving):.0f} % of the measurements"
-        if arriving < heard:
+        if arriving < min_delivery:
             yield "most measurements are lost", lost
         if arriving < 1.0 and part.margins.turning:
-            yield f"{part.margins.turning[0]} may not turn as fast as its commands change", lost
+            who = and_others(part.margins.turning[0], len(part.margins.turning) - 1)
+            yield f"{who} may not turn as fast as commands change", lost
         speed = {one.agent: one.largest for one in part.margins.speed}
         slowest = min(speed.values(), default=math.inf)  # for agents that are not listed
         noise = [] if part.links is None or part.links.noise is None else part.links.noise.agents
@@ -296,7 +297,7 @@ def _doubts(
         moved = part.disturbance
         blown = [id for id, often in moved.too_fast.items() if often <= MOSTLY]
         if blown:
-            why = f"the medium about {blown[0]} is up to {moved.carried_off[blown[0]]:.3g} m/s too fast at times"
+            why = f"its mean and twice its RMS are {moved.carried_off[blown[0]]:.3g} m/s too fast for {blown[0]}"
             yield f"gusts and waves may carry {and_others(blown[0], len(blown) - 1)} off", why
     ideal, real = record.steady.ideal, record.steady.bodies
     if ideal is not None and real is not None and real > max(slower * ideal, 1.0):

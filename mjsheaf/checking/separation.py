@@ -40,10 +40,10 @@ from mjsheaf.loop.system import System
 from mjsheaf.section import Finite, Record
 
 MOSTLY = 0.5
-"""Fraction of the samples above which a formation cannot be reached."""
+"""Fraction of the time above which a fault counts as lasting."""
 
 _MOST_PAIRS = 200  # maximum number of pairs in a record, the closest ones
-_MOST_MET = 16  # others that agents let pass when all turn right: of 40 on a circle, none gets across
+_MAX_MET = 16  # others that an agent can meet if all turn right: 16 drones pass on a circle, 40 block one another
 _ROUNDING = 1e-9  # tolerance of a distance, m, and of a speed, m/s
 
 
@@ -92,7 +92,7 @@ class SafetyRecord(Record):
     crossing: list[list[str]] = Field(
         description="pairs that get closer than required on straight ways to the places that they have at the start, "
         "and may block one another: with tie_break right_hand, only those with a target or an obstacle, which do not "
-        f"yield, or with an agent that meets more than {_MOST_MET} others"
+        f"yield, or with an agent that meets more than {_MAX_MET} others"
     )
     guaranteed: bool = Field(
         description="true if, on ideal kinematics, a pair that keeps its distance never loses it as long as every "
@@ -145,7 +145,7 @@ def safety_record(system: System, certificate: Certificate) -> SafetyRecord | No
 
 
 def _crossings(
-    safety: SafetyArrays, names: list[str], time: float, start: Array, places: Array, *, most: int = 400
+    safety: SafetyArrays, names: list[str], time: float, start: Array, places: Array, *, samples: int = 400
 ) -> list[list[str]]:
     """Return the pairs that may block one another; see `SafetyRecord.crossing`.
 
@@ -155,20 +155,25 @@ def _crossings(
         time: Start of the run, s.
         start: Initial positions in space, shape (V, 3), m.
         places: Places in q*, and positions of the targets, at the start, in space, shape (V, 3), m.
-        most: Largest number of samples of a way; shorter ways are sampled each half of a required distance.
+        samples: Number of samples of a way, at which distances to obstacles are taken.
     """
-    length = float(np.nan_to_num(np.linalg.norm(places - start, axis=1)).max())
-    kept = np.concatenate([2.0 * safety.radius, safety.clearance])
-    share = np.linspace(0.0, 1.0, min(most, 2 + int(2.0 * length / max(kept[kept > 0.0].min(initial=np.inf), 1e-3))))
-    begin = {tuple(one.pair): one.gap for one in find_too_close(safety, names, np.full(1, time), start[None])}
-    ways = start + share[:, None, None] * (places - start)
-    found = find_too_close(safety, names, np.full(len(share), time), ways, most=len(names) ** 2)
-    pairs = [one.pair for one in found if one.gap < begin.get(tuple(one.pair), 0.0) - _ROUNDING]
+    N, V = safety.agents, len(safety.radius)
+    way = places - start
+    pairs = list[tuple[int, int]]()
+    for i in range(N):
+        apart, moved = start[i + 1 :] - start[i], way[i + 1 :] - way[i]
+        square = np.maximum((moved**2).sum(axis=1), 1e-300)
+        share = np.clip(-(apart * moved).sum(axis=1) / square, 0.0, 1.0)  # of the way, at which they are closest
+        nearest = np.linalg.norm(apart + share[:, None] * moved, axis=1)
+        required = np.minimum(safety.radius[i] + safety.radius[i + 1 :], np.linalg.norm(apart, axis=1))
+        pairs += [(i, i + 1 + j) for j in np.flatnonzero(nearest < required - _ROUNDING).tolist()]
+    ways = start[:N] + np.linspace(0.0, 1.0, samples)[:, None, None] * way[:N]
+    clear = distances(safety.obstacles, np.full(samples, time), ways) - safety.clearance[:N, None]
+    pairs += [(i, V + j) for i, j in np.argwhere(clear.min(axis=0) < np.minimum(clear[0], 0.0) - _ROUNDING).tolist()]
     if safety.right:
-        met = Counter(name for pair in pairs for name in pair)
-        agents = {name for name in names[: safety.agents] if met[name] <= _MOST_MET}
-        pairs = [pair for pair in pairs if not set(pair) <= agents]
-    return pairs[:_MOST_PAIRS]
+        met = Counter(agent for pair in pairs for agent in pair)
+        pairs = [(i, j) for i, j in pairs if j >= N or max(met[i], met[j]) > _MAX_MET]
+    return [[names[i], names[j]] for i, j in pairs[:_MOST_PAIRS]]
 
 
 def standoffs(
@@ -315,9 +320,7 @@ def too_close_in(system: System, run: xr.Dataset) -> dict[tuple[str, ...], TooCl
     return {tuple(one.pair): one for one in find_too_close(safety, names, run["time"].values, places)}
 
 
-def find_too_close(
-    safety: SafetyArrays, names: list[str], times: Array, places: Array, *, most: int = _MOST_PAIRS
-) -> list[TooClose]:
+def find_too_close(safety: SafetyArrays, names: list[str], times: Array, places: Array) -> list[TooClose]:
     """List the pairs of an agent and something else that are too close at some time, the closest first.
 
     Args:
@@ -325,7 +328,6 @@ def find_too_close(
         names: Ids of vehicles and obstacles.
         times: Sample times, shape (T,), s.
         places: Positions in space, shape (T, V, 3), m.
-        most: Largest number of pairs, the closest ones.
     """
     worst = dict[tuple[int, int], tuple[float, float]]()
     count: Counter[tuple[int, int]] = Counter()
@@ -346,7 +348,7 @@ def find_too_close(
                     worst[i, j] = gap, float(times[k])
     return [
         TooClose(pair=[names[i], names[j]], time=time, gap=gap, fraction=count[i, j] / len(times))
-        for (i, j), (gap, time) in sorted(worst.items(), key=lambda item: item[1][0])[:most]
+        for (i, j), (gap, time) in sorted(worst.items(), key=lambda item: item[1][0])[:_MOST_PAIRS]
     ]
 
 

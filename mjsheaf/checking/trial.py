@@ -272,12 +272,13 @@ def _problems(
         words = "fixed, and carried off: {name} is {number:.3g} m from its place, which its vehicle cannot hold"
         yield from _failing("target", team.target_ids, away > _FAR_BY, away, end, words)
     depth = np.nan_to_num(system.bodies.surface_height - data["agent_height"].values)
-    flying = ~whole.planar[: depth.shape[1]] & (depth[0] < 0.0)
+    N = depth.shape[1]
+    flying = ~whole.planar[:N] & (whole.initial[:N, 2] > system.bodies.surface_height)
     present = np.isfinite(data["tracking_error"].values)  # one that is lost falls
     depth = np.where(flying & present & (system.bodies.surface != "none"), depth, 0.0)
     deepest = depth.max(axis=0)
-    since = float(data["time"][int((depth > _DEPTH).any(axis=1).argmax())])
-    words = "below the surface, first at t = {time:.6g} s: {name} by up to {number:.3g} m"
+    since = float(data["time"][int((depth[:, deepest.argmax()] > _DEPTH).argmax())])
+    words = "below the surface, from t = {time:.6g} s on: {name} by up to {number:.3g} m"
     yield from _failing("fallen", team.agent_ids, deepest > _DEPTH, deepest, since, words)
     if run.complete and scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
@@ -382,6 +383,8 @@ def _held_up(
     least: float = 0.1,
     share: float = 0.3,
     mostly: float = 0.5,
+    far_at_limit: float = 3.0,
+    far_filtered: float = 1.5,
     nearer: float = 0.15,
 ) -> Iterator[TrialProblem]:
     """Yield agents that the safety filter or a velocity limit holds up, away from their places, without an approach.
@@ -397,10 +400,12 @@ def _held_up(
         least: Mean change of commands in the last quarter, up to which the filter does not hold an agent up, m/s.
         share: That change over the mean speed that is left of the commands, up to which it does not, either.
         mostly: Fraction of the last quarter at the velocity limit, up to which the limit does not hold an agent up.
+        far_at_limit: Mean error in the last quarter up to which a velocity limit does not count, m.
+        far_filtered: Mean error in the last quarter up to which the filter does not count, m.
         nearer: Fraction of the mean error, and at least `_FAR_BY`, that must be missing in the other run.
     """
     system, last = of_phase(phases, data, -1)
-    if last.sizes["time"] < _MIN_SAMPLES:
+    if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
     quarters = _of_quarters(last)
     _, _, third, off = quarters
@@ -408,11 +413,11 @@ def _held_up(
     speed = np.linalg.norm(np.nan_to_num(end["velocity_command"].values), axis=2)
     limited = (speed >= _NEARLY * system.law.limit[: speed.shape[1]]).mean(axis=0) > mostly
     causes: dict[str, tuple[BoolArray, dict[str, Any]]] = {}
-    causes["velocity limits"] = limited & (off > np.maximum(3.0 * _FAR_BY, third)), {"unlimited": True}
+    causes["velocity limits"] = limited & (off > np.maximum(far_at_limit, third)), {"unlimited": True}
     if "safety_correction" in end:
         changed = end["safety_correction"].mean("time").values
         acts = changed > np.maximum(least, share * _by_second(end, np.zeros(3))[0].mean(axis=0))
-        causes["the safety filter"] = acts & (off > 1.5 * _FAR_BY), {"safety": None}
+        causes["the safety filter"] = acts & (off > far_filtered), {"safety": None}
     for cause, (held, without) in causes.items():
         held &= ~_are_approaching(quarters)
         if not held.any():
@@ -423,12 +428,14 @@ def _held_up(
             other = _run(scenario, free, progress).data
         except InputError:  # of a registered term
             other = None
-        if other is None or other.attrs["status"] != "finished":
-            left = np.zeros(len(off))
-            words += f"and the run fails without {cause}"
-        else:
+        if other is not None and other.attrs["status"] == "finished":
             left = _of_quarters(of_phase(free, other, -1)[1])[3]
             words += f"and {{left:.3g}} m without {cause}"
+        elif "unlimited" in without:  # the limit may be what keeps the loop within bounds
+            continue
+        else:
+            left = np.zeros(len(off))
+            words += f"and the run fails without {cause}"
         held &= off - left > np.maximum(_FAR_BY, nearer * off)
         yield from _failing("held_up", system.team.agent_ids, held, off, float(last["time"][-1]), words, left=left)
 
@@ -440,6 +447,8 @@ def _without_headway(
     least: float = 0.1,
     headway: float = 0.15,
     share: float = 0.7,
+    off: float = 2.8,
+    nearer: float = 0.98,
 ) -> Iterator[TrialProblem]:
     """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
@@ -450,7 +459,9 @@ def _without_headway(
         last: Its data.
         least: Commanded speed below which an agent counts as commanded to stay, m/s.
         headway: Least fraction of the commanded speed that an agent must reach in its direction.
-        share: Least fraction of its commanded velocity that an agent must reach.
+        share: Least fraction of its commanded velocity that an agent must reach, if it is away.
+        off: Mean error in the last quarter above which it is, m.
+        nearer: That error over the mean one of the quarter before, up to which an agent approaches its place.
     """
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
@@ -460,7 +471,7 @@ def _without_headway(
     commanded, towards = size.mean(axis=0), along.mean(axis=0)
     idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & ~_are_approaching(quarters)
     part = (along * size).sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
-    short = (part < share) & (fourth > 2.8 * _FAR_BY) & (fourth > 0.98 * third)
+    short = (part < share) & (fourth > off) & (fourth > nearer * third)
     failed = (commanded > least) & (idle | short)
     words = (
         "without headway: {name} is commanded {commanded:.3g} m/s and makes {towards:.3g} m/s of it, {number:.3g} m "

@@ -91,8 +91,9 @@ def check(
     when tried.
 
     The exit code is 1 if an assumption fails or is undecided, if the loop of the law, of the vehicles or of the targets
-    is unstable, if the law has a term that check cannot model, if the mission demands more than a vehicle can do, or if
-    the mission failed when it was tried. Errors are the RMS over agents, in metres.
+    is unstable, if the law has a term that check cannot model, if the mission demands more than a vehicle can do, if
+    the mission failed when it was tried, or, with --no-trial, if only a trial can decide. Errors are the RMS over
+    agents, in metres.
     """
     figures = _figures_of(plot, formats, title)
 

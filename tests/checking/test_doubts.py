@@ -1,4 +1,4 @@
-"""What the analysis leaves to the trial. Oracles: runs without limits of the analysis, and long series of gusts."""
+"""What the analysis leaves to the trial. Oracles: a run, and long series of gusts and waves."""
 
 from typing import Any
 
@@ -45,7 +45,7 @@ PILLAR = {"kind": "sphere", "centre": [0.0, 0.0, 0.0], "radius": 1.0}
         (hunt(), ""),
         (hunt(links={"all": {"loss": 0.5}}), ""),
         (hunt(links={"all": {"loss": 0.6}}), "most measurements are lost"),
-        (hunt("otter", links={"all": {"loss": 0.1}}), "A may not turn as fast as its commands change"),
+        (hunt("otter", links={"all": {"loss": 0.1}}), "A may not turn as fast as commands change"),
         (hunt("wamv", CIRCLE, controller={"gain": 1.2, "control_period": 0.02}), "the vehicles may be too slow"),
         (hunt("hull", CIRCLE, controller={"gain": 1.2, "control_period": 0.02}), ""),
         (
@@ -55,7 +55,7 @@ PILLAR = {"kind": "sphere", "centre": [0.0, 0.0, 0.0], "radius": 1.0}
         (hunt("quadrotor", place=(0.0, 0.0, 10.0), links={"all": {"noise": 0.1}}), ""),
         (exchange("right_hand"), ""),
         (exchange("none"), "the safety filter may block agents"),
-        (exchange("none", x=150.0), "the safety filter may block agents"),
+        (exchange("none", x=1500.0), "the safety filter may block agents"),
         (exchange("right_hand", PILLAR), "the safety filter may block agents"),
     ],
 )
@@ -65,7 +65,6 @@ def test_what_only_a_trial_can_decide_is_not_ok_without_one(scenario: Scenario, 
     assert [(one["kind"], one["what"]) for one in found["problems"]] == (
         [("untried", f"{doubt}, and the mission was not tried")] if doubt else []
     )
-    assert "untried" not in {one["kind"] for one in mjsheaf.check(scenario, progress=False)["problems"]}
 
 
 SEA = {"kind": "jonswap", "significant_height": 2.0, "peak_period": 8.0, "direction": 30}
@@ -108,4 +107,4 @@ def test_a_vehicle_is_no_slower_than_in_its_fastest_direction() -> None:
     run = mjsheaf.simulate(scenario, engine="fused", progress=False)
     (demand,) = analyse(scenario)["margins"]["speed"]
     fastest = float(np.linalg.norm(run["agent_velocity"].values[-1, 0]))
-    assert 1.5 * known(demand["able"]) < fastest <= known(demand["able_most"]) < 1.1 * fastest
+    assert 1.5 * known(demand["able"]) < fastest <= known(demand["able_fastest"]) < 1.1 * fastest

@@ -21,7 +21,7 @@ from tests.strategies import cases
 
 MISSIONS = 300
 MAX_CONTRADICTED = 0.05
-"""Fraction of the missions OK by analysis alone whose runs may fail."""
+"""Fraction of the missions OK by analysis alone whose runs may fail, or have another error than foreseen."""
 MAX_FALSE_ALARMS = 0.1
 """Fraction of the missions whose runs are fine, and as foreseen, that may be NOT OK for other reasons than a team or
 loop that fails, or agents that stay behind as foreseen."""
@@ -211,10 +211,19 @@ def test_the_oracle_tells_growth_from_a_rise_that_something_drives(error, turn, 
         # with errors that rise and fall.
         *(pytest.param(seed, ok, marks=pytest.mark.slow) for seed, ok in [(1_010_263, True), (1_020_076, False)]),
         # A filter that holds a drone up over links that lose most, a boat that falls short by little, a drone that dips
-        # below the surface in a gust; an error that grows to 0.8 m; boats that overshoot at their velocity limits.
+        # below the surface in a gust; an error that grows to 0.8 m; boats that overshoot at their velocity limits;
+        # drones whose places circle too fast for the law, and a boat that settles.
         *(
             pytest.param(seed, ok, marks=pytest.mark.slow)
-            for seed, ok in [(30_067, False), (30_287, False), (30_071, False), (1_010_174, True), (70_083, False)]
+            for seed, ok in [
+                (30_067, False),
+                (30_287, False),
+                (30_071, False),
+                (1_010_174, True),
+                (70_083, False),
+                (70_222, True),
+                (70_254, True),
+            ]
         ),
     ],
 )
@@ -234,7 +243,7 @@ def test_ok_means_that_a_mission_works():
     print(Counter(("OK" if each.ok else "NOT OK", "fails" if each.failure else "fine") for each in judged))
     assert [str(each) for each in judged if each.ok and each.failure] == []
     ok = [each for each in judged if not each.problems]
-    contradicted = [str(each) for each in ok if each.failure]
+    contradicted = [str(each) for each in ok if each.failure or each.unforeseen]
     assert len(contradicted) <= MAX_CONTRADICTED * len(ok), contradicted
     fine = [each for each in judged if not (each.failure or each.unforeseen or each.proven)]
     alarms = [str(each) for each in fine if not each.ok]

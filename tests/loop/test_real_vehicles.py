@@ -166,3 +166,13 @@ def test_turning_the_world_turns_the_trajectory(angle: float) -> None:
         np.testing.assert_allclose(turned.data.ctrl, plain.data.ctrl, atol=1e-5 * np.abs(plain.data.ctrl).max())
     moved = np.linalg.norm(plain.positions() - start, axis=1)
     assert moved.min() > 1.0
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_thrusters_make_every_wrench_that_is_asked_of_them(name: str) -> None:
+    """W W^+ = I on the commanded rows, and W^+ is the shortest way."""
+    vehicle = load_vehicle(name)
+    rows = vehicle.controlled_rows
+    W, least = vehicle.W[rows], vehicle.allocation[:, rows]
+    np.testing.assert_allclose(W @ least, np.eye(len(rows)), atol=1e-12)
+    np.testing.assert_allclose(least @ W, (least @ W).T, atol=1e-12)

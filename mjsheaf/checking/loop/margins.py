@@ -66,7 +66,7 @@ class SpeedDemand(Record):
         description="forward speed; steady speed of its body through the medium at full thrust forward; null: "
         "unlimited thrusters"
     )
-    able_most: Finite = Field(
+    able_fastest: Finite = Field(
         description="top speed; steady speed of its body through the medium in the horizontal direction in which it is "
         "fastest; null: unlimited thrusters"
     )
@@ -74,7 +74,7 @@ class SpeedDemand(Record):
     @property
     def top_speed(self) -> float:
         """Top speed of its vehicle, m/s; infinite if its thrusters have no limits."""
-        return math.inf if self.able_most is None else self.able_most
+        return math.inf if self.able_fastest is None else self.able_fastest
 
     @property
     def limited(self) -> bool:
@@ -226,7 +226,7 @@ def _speed_demands(system: System, certificate: Certificate) -> list[SpeedDemand
             able=able[i].least_speed,
             deficit=deficit[i],
             able_forward=able[i].forward_speed,
-            able_most=able[i].top_speed,
+            able_fastest=able[i].top_speed,
         )
         for i in order.tolist()
     ]

@@ -321,7 +321,7 @@ class DisturbanceRecord(Record):
     carried_off: dict[str, float] = Field(
         {},
         description="agents that cannot hold station at times: excess of the medium's speed, its mean plus twice its "
-        "RMS, over the vehicle's steady speed in its slowest direction, m/s",
+        "horizontal RMS, over the vehicle's steady speed in its slowest direction, m/s",
     )
     too_fast: dict[str, float] = Field(
         {},
@@ -450,7 +450,7 @@ def predict_rms(
     )
 
 
-def _carried_off(system: System, medium: Array, *, draws: int = 20_000) -> tuple[dict[str, float], dict[str, float]]:
+def _carried_off(system: System, medium: Array, *, draws: int = 4_000) -> tuple[dict[str, float], dict[str, float]]:
     """Return the agents for which the medium is too fast at times: by how much, m/s, and for which part of the time.
 
     Args:
