@@ -23,7 +23,7 @@ GRAVITY = 9.81
 W = np.array([0.5, -0.3, 0.2])  # m/s, of the medium
 FRICTIONLESS = {"linear": [1e-9] * 3, "angular": [1e-9] * 3}
 BALANCED = {"heave": 1e-9, "roll": 1e-9, "pitch": 1e-9}  # weight and buoyancy meet at the centre of mass
-BODIES = ("wamv", "otter", "submersible", "hexarotor")
+BODIES = ("wamv", "otter", "submersible")
 
 
 def relative_velocity(world: World, w: Array) -> Array:
