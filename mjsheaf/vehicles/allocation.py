@@ -39,8 +39,8 @@ from mjsheaf.vectors import subtract, triple
 from mjsheaf.vehicles.actuators import ANGLE, FIXED, WEAK_SIDE
 
 _FORCE_WEIGHT, _YAW_SHARE = 1e-3, 1e-5  # first weight in E for force; that for yaw, which has priority, as a part of it
-_ROUNDS = 20  # maximum rounds of the method of multipliers
-_NEWTON_STEPS, _LINE_STEPS = 30, 30  # maximum numbers of steps
+_ROUNDS = 200  # maximum rounds of the method of multipliers; lever arms that are almost the same take many
+_NEWTON_STEPS, _LINE_STEPS = 30, 60  # maximum numbers of steps
 _ACCURACY = 1e-9  # relative accuracy of the wrench
 _FAR = 1e9  # an effort that exceeds every limit
 
@@ -150,7 +150,9 @@ def _newton_step(channels, y, residual, weight):
 
 @jit
 def _line_search(channels, wrench, y, start, weight, step, slope, effort):
-    """Follow a step to its end, or until the slope of the dual function, at first `slope`, has fallen to a fifth.
+    """Follow a step to its end, or to where the slope of the dual function, at first `slope`, is as good as zero.
+
+    Where only a part of the slope is gone, steps zigzag between the efforts' limits if the wrench is far away.
 
     Returns:
         The y there, and W P(W' y) + E (y - start) - wrench, which is zero at the solution of a round.
@@ -162,7 +164,7 @@ def _line_search(channels, wrench, y, start, weight, step, slope, effort):
         missed, moved = subtract(_make_wrench(channels, point, effort), wrench), subtract(point, start)
         residual = _plus(missed, weight, (moved[0], moved[1], _YAW_SHARE * moved[2]))
         now = _dot(residual, step)
-        if abs(now) <= 0.2 * abs(slope) or (now < 0.0 and high == np.inf):
+        if abs(now) <= 1e-4 * abs(slope) or (now < 0.0 and high == np.inf):
             break
         if now > 0.0:
             high, at_high = share, now
@@ -194,7 +196,7 @@ def allocate_nearest(channels, scale, force, yaw, effort):
     dual, weight = (zero, zero, zero), _FORCE_WEIGHT
     residual = subtract(_make_wrench(channels, dual, effort), wrench)
     for _ in range(_ROUNDS):
-        start = dual
+        start, before = dual, residual
         for _ in range(_NEWTON_STEPS):
             if not _size(residual) > accuracy:
                 break
@@ -205,12 +207,13 @@ def allocate_nearest(channels, scale, force, yaw, effort):
             return
         # What is missing, r = w - W u, is E d with d = y - y0. The slope of the dual function along d rises to the one
         # far away, where W u goes as far along d as efforts allow. So if it stays negative there, all efforts leave at
-        # least last/slope of r, in the norm of E^-1. If it stays the same, all u on the ray are the same, and the
-        # rounds would go along it for ever.
+        # least last/slope of r, in the norm of E^-1. If it stays the same, and so did r, all u on the ray are the same,
+        # and the rounds would go along it for ever. The slope alone does not tell: it changes by the square of what W u
+        # changes by.
         d = subtract(dual, start)
         point, slope = _plus(dual, _FAR * max(1.0, 1.0 / _size(d)), d), _dot(residual, d)
         last = _dot(subtract(_make_wrench(channels, point, effort), wrench), d)
-        if last <= (1.0 - 1e-12) * slope:
+        if last <= (1.0 - 1e-12) * slope and not _size(subtract(residual, before)) > accuracy:
             break
         if last > 0.5 * slope:  # at least half of it may be made; if not, y would grow for ever, and rounding with it
             weight *= 0.1

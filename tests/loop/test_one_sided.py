@@ -84,12 +84,18 @@ placed = st.tuples(
 )
 sets = st.lists(placed, min_size=2, max_size=8)
 shares = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8)
-wrenches = st.tuples(*[st.floats(-500.0, 500.0)] * 3).map(np.array)
+wrenches = st.tuples(*[st.floats(-500.0, 500.0) | st.floats(-1e5, 1e5)] * 3).map(np.array)
+AHEAD = (0.0, 0.0, 0.0, 0.0, 50.0)
 
 
 @pytest.mark.slow(first=True)
 @settings(max_examples=tried(300, 60))
 @given(places=sets, wanted=wrenches)
+@example([AHEAD] * 3 + [(0, 0, 120, -100, 50), (0, 0, 180, 0, 50)], [0, -89, 0])  # the force converges by and by
+@example(
+    [(0, 0, 120, -100, 50), (0.5, 0, 105, -5, 100), (0, 0, 330, -40, 250)], [-136.38953330538675, 0, 111.48380470667026]
+)
+@example([(0.75, 0, 315, -40, 50), (0.25, 0, 345, -40, 50)], [9933.94953415934, -5317.754612164397, 0])
 def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_the_yaw_moment(
     places: Any, wanted: Array
 ) -> None:
@@ -101,7 +107,8 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
     made = W @ effort
     reach = np.minimum(W[2] * low, W[2] * high).sum(), np.maximum(W[2] * low, W[2] * high).sum()
     size = np.abs(W[2]) @ np.maximum(-low, high)
-    assert abs(made[2] - np.clip(wanted[2], *reach)) <= 2e-3 * size + 1e-9  # yaw comes first
+    share = 2e-3 * max(1.0, np.abs(wanted).max() / 500)  # of its priority
+    assert abs(made[2] - np.clip(wanted[2], *reach)) <= share * size + 1e-9  # yaw comes first
     norm = np.linalg.norm(W, axis=1)
     scale = np.divide(1.0, norm, out=np.zeros(3), where=norm > 1e-9)
     weight = scale * [1.0, 1.0, 1e5**0.5]  # of the program
@@ -111,7 +118,7 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
     weight = scale * [1.0, 1.0, 1e4]
     best = lsq_linear(weight[:, None] * W, weight * [*wanted[:2], made[2]], (low, high), method="bvls", tol=1e-13).x
     off, least = (np.linalg.norm(scale[:2] * (W[:2] @ u - wanted[:2])) for u in (effort, best))
-    assert off <= least + 2e-3 * np.linalg.norm(high)
+    assert off <= least + share * np.linalg.norm(high)
 
 
 @pytest.mark.slow(each=True)
