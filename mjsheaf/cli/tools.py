@@ -330,8 +330,11 @@ def schema(
     vehicle: Annotated[bool, typer.Option("--vehicle", help="Schema of a vehicle's description file.")] = False,
 ) -> None:
     """Print the JSON Schema of a scenario file, or of another file if an option selects it."""
-    asked = {"vehicle": vehicle, "study": study, "compare": compare, "check": check}
-    print(json.dumps(schema_of(next((what for what in asked if asked[what]), "")), indent=2))
+    given = {"check": check, "compare": compare, "study": study, "vehicle": vehicle}
+    asked = [what for what in given if given[what]] or [""]
+    if len(asked) > 1:
+        raise InputError(f"--{asked[1]}: is given with --{asked[0]}; expected one of the two")
+    print(json.dumps(schema_of(asked[0]), indent=2))
 
 
 def schema_of(what: str) -> dict[str, Any]:

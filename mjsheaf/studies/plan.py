@@ -193,6 +193,10 @@ class StudyFile(Section):
             raise ValueError(f"paired: lists must have one length, but {lengths}")
         if self.names and unfit:
             raise ValueError(f"names: {len(self.names)}; {expected}")
+        for path, values in self.grid.items():
+            keys = [(isinstance(value, bool), value) for value in values]  # true is not 1, but 1.0 is
+            for _, value in (key for k, key in enumerate(keys) if key in keys[:k]):
+                raise ValueError(f"grid: {path}: {value!r} is given twice; give each value once")
         swept = self.paths
         given = [*self.set, *swept]
         for path, other in ((later, earlier) for k, later in enumerate(given) for earlier in given[:k]):

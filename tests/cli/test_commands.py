@@ -229,6 +229,7 @@ def test_list_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
         schema = json.loads(capsys.readouterr().out)
         for path in files.values():
             jsonschema.validate(yaml.safe_load(path.read_text()), schema)
+    assert call("schema", "--study", "--vehicle") == 2
     assert call("--version") == 0
     assert capsys.readouterr().out == f"mjsheaf {package.__version__}\n"
 

@@ -16,9 +16,8 @@ from pydantic import ValidationError
 from mjsheaf.studies.plan import Draws, StudyFile, draw, points_of
 
 PATHS = ["controller.gain", "vehicles.tau", "swarm.size", "agents.A1.heading", "physics.timestep"]
-values = st.lists(
-    st.one_of(st.integers(-5, 5), st.floats(-1, 1), st.booleans(), st.text(max_size=3)), min_size=1, max_size=4
-)
+value = st.one_of(st.integers(-5, 5), st.floats(-1, 1), st.booleans(), st.text(max_size=3))
+values = st.lists(value, min_size=1, max_size=4, unique_by=lambda one: (isinstance(one, bool), one))
 DISTRIBUTIONS: dict[str, dict[str, Any]] = {
     "uniform": {"kind": "uniform", "low": -2, "high": 3},
     "loguniform": {"kind": "loguniform", "low": 0.01, "high": 30},
@@ -101,6 +100,7 @@ def test_draws_follow_their_distributions() -> None:
         ({"grid": {"a": []}}, "at least 1"),
         ({"paired": {"a": [1, 2], "b": [1]}}, "a has 2, b has 1"),
         ({"grid": {"a": [1]}, "paired": {"a": [1]}}, "a: is swept twice; give it once"),
+        ({"grid": {"a": [1, 2, 1.0]}}, "a: 1.0 is given twice; give each value once"),
         ({"grid": {"a": [1]}, "set": {"a": 2}}, "a: is both set and swept; give it once"),
         ({"grid": {"swarm.size": [1], "swarm": [{}]}}, "swarm: would overwrite swarm.size"),
         ({"grid": {"seed": [1]}, "seeds": {"stop": 3}}, "the field seed is given too"),
