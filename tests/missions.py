@@ -503,14 +503,16 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
     if last.error > max(MIN_ERROR, third.error) and last.incapable and not _limit_decides(mission, i, last, cuts[3]):
         last = replace(last, limited=0.0)
-    if last.error > max(MIN_ERROR, third.error) and last.incapable:
+    middle = 0.5 * (cuts[3] + cuts[4])
+    drawn = _motion(mission, run, i, cuts[3], middle).error  # by others on their way, which it may follow home now
+    comes = _motion(mission, run, i, middle, cuts[4]).error < APPROACHING * drawn
+    if last.error > max(MIN_ERROR, third.error) and last.incapable and not comes:
         return f"{'diverges' if grows(run, i, cuts[2]) else 'stays far off'}: {last.incapable}, {tail}"
     if last.error > MIN_ERROR and last.of_place < 1.1 * third.of_place and grows(run, i, cuts[2]):
         return f"diverges, and its place moves no faster: {tail}"
     before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (2, 3))
     decays = after < APPROACHING * before
     if not before:  # something drove it, and what is left may decay now
-        middle = 0.5 * (cuts[3] + cuts[4])
         decays = _swing(run, i, middle, cuts[4]) < APPROACHING * _swing(run, i, cuts[3], middle)
     if after > MIN_STUCK_ERROR and not decays:
         return f"swings by {after:.1f} m RMS about a mean that neither q* nor the medium drives"
