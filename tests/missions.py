@@ -437,7 +437,8 @@ def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
     After the last event, for agents that are present to the end, in this order: the run blew up; an agent turned over,
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
     filter, diverges, stays far off at its limits, or swings where neither q* nor the medium does. An error that the law
-    itself leaves, as it lags behind a moving target, is no failure unless it grows for ever.
+    itself leaves, as it lags behind a moving target, is no failure unless it grows in a run three times as long, too.
+    Nor is one that hardly depends on the filter or limit that is at work, or that falls in the last eighth of a run.
     """
     if isinstance(run, Exception):
         return f"refused: {run}"
@@ -499,40 +500,38 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     goes = last.commanded > 0.1 and last.steady > 0.5
     if last.error > MIN_STUCK_ERROR and goes and last.made < 0.15 * last.commanded:
         return f"is stuck: commanded {last.commanded:.2f} m/s, makes {last.made:.2f} m/s, {tail}"
-    if last.error > MIN_STUCK_ERROR and last.corrected > 0.1 and last.corrected > 0.3 * last.commanded:
+    held = last.error > MIN_STUCK_ERROR and last.corrected > 0.1 and last.corrected > 0.3 * last.commanded
+    if held and _decides("safety", mission, i, 0.5 * last.error, cuts[3]):
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
-    if last.error > max(MIN_ERROR, third.error) and last.incapable and not _limit_decides(mission, i, last, cuts[3]):
+    limited = last.limited > MAX_LIMITED and "safety" not in mission  # which needs a limit
+    far = last.error > max(MIN_ERROR, third.error)
+    if far and limited and not _decides("velocity_limit", mission, i, APPROACHING * last.error, cuts[3]):
         last = replace(last, limited=0.0)
-    middle = 0.5 * (cuts[3] + cuts[4])
-    drawn = _motion(mission, run, i, cuts[3], middle).error  # by others on their way, which it may follow home now
-    comes = _motion(mission, run, i, middle, cuts[4]).error < APPROACHING * drawn
-    if last.error > max(MIN_ERROR, third.error) and last.incapable and not comes:
-        return f"{'diverges' if grows(run, i, cuts[2]) else 'stays far off'}: {last.incapable}, {tail}"
+    centre = 0.5 * (cuts[3] + cuts[4])
+    if far and last.incapable:  # others that are on their way draw an agent off its place, and it comes back with them
+        early, late = (_motion(mission, run, i, *ends).error for ends in ((cuts[3], centre), (centre, cuts[4])))
+        if late >= APPROACHING * early:
+            return f"{'diverges' if grows(run, i, cuts[2]) else 'stays far off'}: {last.incapable}, {tail}"
     if last.error > MIN_ERROR and last.of_place < 1.1 * third.of_place and grows(run, i, cuts[2]):
-        return f"diverges, and its place moves no faster: {tail}"
+        longer = mission | {"time": mission["time"] | {"end": 3.0 * mission["time"]["end"]}}  # a lag may still build up
+        run_on = mjsheaf.simulate(make_scenario(longer), progress=False)
+        if run_on.attrs["status"] != "finished" or grows(run_on, i, run_on["time"].values[-1] / 2.0):
+            return f"diverges, and its place moves no faster: {tail}"
     before, after = (_swing(run, i, cuts[k], cuts[k + 1]) for k in (2, 3))
     decays = after < APPROACHING * before
     if not before:  # something drove it, and what is left may decay now
-        decays = _swing(run, i, middle, cuts[4]) < APPROACHING * _swing(run, i, cuts[3], middle)
+        decays = _swing(run, i, centre, cuts[4]) < APPROACHING * _swing(run, i, cuts[3], centre)
     if after > MIN_STUCK_ERROR and not decays:
         return f"swings by {after:.1f} m RMS about a mean that neither q* nor the medium drives"
     return None
 
 
-def _limit_decides(mission: Raw, i: int, last: _Motion, begin: float) -> bool:
-    """Return False if an agent is as far off without its velocity limit, which takes one more run.
-
-    Args:
-        mission: The mission.
-        i: The agent.
-        last: Its motion in the last quarter.
-        begin: Begin of that quarter, s.
-    """
-    if last.limited <= MAX_LIMITED or "safety" in mission:  # which needs a limit
-        return True
-    free = mission | {"controller": {k: v for k, v in mission["controller"].items() if k != "velocity_limit"}}
+def _decides(what: str, mission: Raw, i: int, allowed: float, begin: float) -> bool:
+    """Return True if an agent's error from `begin`, s, on is below `allowed`, m, without its limit or `safety`."""
+    free = {k: v for k, v in mission.items() if k != what}
+    free["controller"] = {k: v for k, v in mission["controller"].items() if k != what}
     run = mjsheaf.simulate(make_scenario(free), progress=False)
-    return run.attrs["status"] != "finished" or _motion(free, run, i, begin, np.inf).error < APPROACHING * last.error
+    return run.attrs["status"] != "finished" or _motion(free, run, i, begin, np.inf).error < allowed
 
 
 def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> _Motion:

@@ -328,7 +328,7 @@ def log_axis(axis: Any, which: str, values: Array, decades: float = 12.0) -> Non
     The labels are powers of 10, at least two of them visible, with minor ticks between. Only finite positive values
     determine the limits; if there are none, the panel says so. If values hardly differ, the axis stays linear.
     """
-    positive = values[np.isfinite(values) & (values > 0)]
+    positive = np.minimum(values[np.isfinite(values) & (values > 0)], 1e300)  # ticks beyond would be infinite
     if not positive.size:
         axis.text(0.5, 0.5, "not defined for this team", transform=axis.transAxes, ha="center", color="grey",
                   fontsize=NORMAL)  # fmt: skip

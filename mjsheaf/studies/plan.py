@@ -194,9 +194,11 @@ class StudyFile(Section):
         if self.names and unfit:
             raise ValueError(f"names: {len(self.names)}; {expected}")
         for path, values in self.grid.items():
-            keys = [(isinstance(value, bool), value) for value in values]  # true is not 1, but 1.0 is
-            for _, value in (key for k, key in enumerate(keys) if key in keys[:k]):
-                raise ValueError(f"grid: {path}: {value!r} is given twice; give each value once")
+            # true is not 1, but 1.0 is
+            keys = [repr(v) if isinstance(v, list | dict) else (isinstance(v, bool), v) for v in values]
+            if len(set(keys)) < len(keys):
+                twice = next(v for v, key in zip(values, keys, strict=True) if keys.count(key) > 1)
+                raise ValueError(f"grid: {path}: {twice!r} is given twice; give each value once")
         swept = self.paths
         given = [*self.set, *swept]
         for path, other in ((later, earlier) for k, later in enumerate(given) for earlier in given[:k]):

@@ -90,16 +90,16 @@ wrenches = st.tuples(*[st.floats(-500.0, 500.0) | st.floats(-1e5, 1e5)] * 3).map
 @pytest.mark.slow(first=True)
 @settings(max_examples=tried(300, 60))
 @given(places=sets, wanted=wrenches)
+@example([(0, 0, 0, 0, 50)] * 3 + [(0, 0, 120, -100, 50), (0, 0, 180, 0, 50)], [0, -89, 0])
 @example(
-    [(0, 0, 0, 0, 50)] * 3 + [(0, 0, 120, -100, 50), (0, 0, 180, 0, 50)], [0, -89, 0]
-)  # the force converges by and by
-@example(
-    [(0, 0, 120, -100, 50), (0.5, 0, 105, -5, 100), (0, 0, 330, -40, 250)], [-136.38953330538675, 0, 111.48380470667026]
+    [(0, 0, 120, -100, 50), (0.5, 0, 105, -5, 100), (0, 0, 330, -40, 250)], [-136.38953330538675, 0, 111.483804707]
 )
 @example([(0.75, 0, 315, -40, 50), (0.25, 0, 345, -40, 50)], [9933.94953415934, -5317.754612164397, 0])
-def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_the_yaw_moment(
-    places: Any, wanted: Array
-) -> None:
+@example(  # lever arms that are almost the same
+    [(1.1, 0.28, 126.76, 0, 250), (1.24, 0.26, 126.76, 0, 50), (1.16, 0.2, 126.76, 0, 100), (1.27, 0.34, 299, 0, 100)],
+    [-184.5, -168.5, 39.6],
+)
+def test_efforts_are_within_limits_and_make_the_nearest_wrench(places: Any, wanted: Array) -> None:
     vehicle = with_thrusters(places)
     W, (low, high) = vehicle.W[[0, 1, 5]], vehicle.effort_bounds.T
     effort = allocate(vehicle, wanted)
@@ -107,19 +107,12 @@ def test_efforts_are_within_limits_and_the_force_is_the_nearest_that_goes_with_t
     assert (effort <= high).all()
     made = W @ effort
     reach = np.minimum(W[2] * low, W[2] * high).sum(), np.maximum(W[2] * low, W[2] * high).sum()
-    size = np.abs(W[2]) @ np.maximum(-low, high)
-    share = 2e-3 * max(1.0, np.abs(wanted).max() / 500)  # of its priority
-    assert abs(made[2] - np.clip(wanted[2], *reach)) <= share * size + 1e-9  # yaw comes first
     norm = np.linalg.norm(W, axis=1)
     scale = np.divide(1.0, norm, out=np.zeros(3), where=norm > 1e-9)
     weight = scale * [1.0, 1.0, 1e5**0.5]  # of the program
     goal = weight * [*wanted[:2], np.clip(wanted[2], *reach)]
     nearest = W @ lsq_linear(weight[:, None] * W, goal, (low, high), method="bvls", tol=1e-14, max_iter=500).x
     assert (np.abs(made - nearest) <= 1e-8 * (np.abs(W) @ np.maximum(-low, high)) + 1e-9).all()
-    weight = scale * [1.0, 1.0, 1e4]
-    best = lsq_linear(weight[:, None] * W, weight * [*wanted[:2], made[2]], (low, high), method="bvls", tol=1e-13).x
-    off, least = (np.linalg.norm(scale[:2] * (W[:2] @ u - wanted[:2])) for u in (effort, best))
-    assert off <= least + share * np.linalg.norm(high)
 
 
 @pytest.mark.slow(each=True)

@@ -100,7 +100,7 @@ def test_draws_follow_their_distributions() -> None:
         ({"grid": {"a": []}}, "at least 1"),
         ({"paired": {"a": [1, 2], "b": [1]}}, "a has 2, b has 1"),
         ({"grid": {"a": [1]}, "paired": {"a": [1]}}, "a: is swept twice; give it once"),
-        ({"grid": {"a": [1, 2, 1.0]}}, "a: 1.0 is given twice; give each value once"),
+        ({"grid": {"a": [True, 2, 1, 1.0]}}, "a: 1 is given twice; give each value once"),
         ({"grid": {"a": [1]}, "set": {"a": 2}}, "a: is both set and swept; give it once"),
         ({"grid": {"swarm.size": [1], "swarm": [{}]}}, "swarm: would overwrite swarm.size"),
         ({"grid": {"seed": [1]}, "seeds": {"stop": 3}}, "the field seed is given too"),
