@@ -438,7 +438,7 @@ def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
     filter, diverges, stays far off at its limits, or swings where neither q* nor the medium does. An error that the law
     itself leaves, as it lags behind a moving target, is no failure unless it grows in a run three times as long, too.
-    Nor is one that hardly depends on the filter or limit that is at work, or that falls in the last eighth of a run.
+    Nor is one that hardly depends on the filter or limit that is at work, or that falls at the end as others come in.
     """
     if isinstance(run, Exception):
         return f"refused: {run}"
@@ -492,9 +492,11 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     time = run["time"].values
     begin = max(begin, float(time[0]))
     cuts = np.linspace(begin, time[-1], 5)
-    first, second, third, last = (_motion(mission, run, i, cuts[k], cuts[k + 1]) for k in range(4))
+    third, last = (_motion(mission, run, i, cuts[k], cuts[k + 1]) for k in (2, 3))
     # One that was driven away, and comes back, is not on its first way to its place.
-    if first.error > second.error > third.error and last.error < APPROACHING * third.error:
+    error = np.array([run["tracking_error"].sel(time=slice(*cuts[k : k + 2])).mean("time") for k in range(4)])
+    on_way = (np.diff(error[:3], axis=0) < 0.0).all(axis=0) & (error[3] < APPROACHING * error[2])
+    if on_way[i]:
         return None
     tail = f"{third.error:.1f} then {last.error:.1f} m off in the last quarters"
     goes = last.commanded > 0.1 and last.steady > 0.5
@@ -510,7 +512,7 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     centre = 0.5 * (cuts[3] + cuts[4])
     if far and last.incapable:  # others that are on their way draw an agent off its place, and it comes back with them
         early, late = (_motion(mission, run, i, *ends).error for ends in ((cuts[3], centre), (centre, cuts[4])))
-        if late >= APPROACHING * early:
+        if late >= APPROACHING * early or not on_way.any():
             return f"{'diverges' if grows(run, i, cuts[2]) else 'stays far off'}: {last.incapable}, {tail}"
     if last.error > MIN_ERROR and last.of_place < 1.1 * third.of_place and grows(run, i, cuts[2]):
         longer = mission | {"time": mission["time"] | {"end": 3.0 * mission["time"]["end"]}}  # a lag may still build up
