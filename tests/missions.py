@@ -241,7 +241,7 @@ def _move(rng: Rng, raw: Raw, group: _Group, speed: float, flow: float, end: flo
         point = start + speed * (end + 10.0) * np.array([np.cos(bearing), np.sin(bearing), 0.0])[:n]
         target["motion"] = {"kind": "waypoints", "points": [_round(point)], "speed": float(np.round(speed, 3))}
         return
-    times = np.arange(0.0, end + 12.0, 6.0)
+    times = np.arange(0.0, 3.0 * end + 12.0, 6.0)  # for a run three times as long, which may decide
     headings = np.cumsum(rng.normal(0.0, 0.7, len(times)))
     steps = 6.0 * speed * np.column_stack([np.cos(headings), np.sin(headings), np.zeros(len(times))])[:, :n]
     places = start + np.vstack([np.zeros(n), np.cumsum(steps[:-1], axis=0)])
