@@ -436,8 +436,8 @@ def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
 
     After the last event, for agents that are present to the end, in this order: the run blew up; an agent turned over,
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
-    filter, diverges, stays far off at its limits, or swings where neither q* nor the medium does. An error that the law
-    itself leaves, as it lags behind a moving target, is no failure unless it grows in a run three times as long, too.
+    filter, diverges, stays far off at its limits, or swings where q*, the medium and noise do not. An error that the
+    law itself leaves, as it lags behind a moving target, is no failure unless it grows in a run three times as long.
     Nor is one that hardly depends on the filter or limit that is at work, or that falls at the end as others come in.
     """
     if isinstance(run, Exception):
@@ -506,7 +506,7 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     if held and _decides("safety", mission, i, 0.5 * last.error, cuts[3]):
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
     limited = last.limited > MAX_LIMITED and "safety" not in mission  # which needs a limit
-    far = last.error > max(MIN_ERROR, third.error)
+    far = last.error > max(MIN_ERROR, 1.05 * third.error)  # less is the same error
     if far and limited and not _decides("velocity_limit", mission, i, APPROACHING * last.error, cuts[3]):
         last = replace(last, limited=0.0)
     centre = 0.5 * (cuts[3] + cuts[4])
@@ -523,8 +523,12 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     decays = after < APPROACHING * before
     if not before:  # something drove it, and what is left may decay now
         decays = _swing(run, i, centre, cuts[4]) < APPROACHING * _swing(run, i, cuts[3], centre)
+    links = {key: value for key, value in mission.get("links", {}).get("all", {}).items() if key != "noise"}
+    if after > MIN_STUCK_ERROR and not decays and "links" in mission:  # noise may drive it
+        quiet = mjsheaf.simulate(make_scenario(mission | {"links": {"all": links}}), progress=False)
+        decays = quiet.attrs["status"] == "finished" and _swing(quiet, i, cuts[3], cuts[4]) < 0.5 * after
     if after > MIN_STUCK_ERROR and not decays:
-        return f"swings by {after:.1f} m RMS about a mean that neither q* nor the medium drives"
+        return f"swings by {after:.1f} m RMS about a mean that neither q*, the medium nor noise drives"
     return None
 
 
