@@ -96,7 +96,7 @@ def test_unknown_names_tell_the_known_ones(tmp_path: Path) -> None:
     ("grid", "seeds"),
     [
         ({"controller.gain": [-1, 1]}, (0, 21)),
-        ({"controller.gain": [-1] * 18 + [1]}, (0, 3)),
+        ({"controller.gain": [*range(-18, 0), 1]}, (0, 3)),
         ({"time.end": [1.0 + k for k in range(300)], "controller.gain": [-1, -2, -3, 1]}, None),
         ({"controller.gain": [-1, 1], "time.end": [1.0 + k for k in range(300)]}, (0, 50)),
     ],
