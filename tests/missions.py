@@ -242,7 +242,8 @@ def _move(rng: Rng, raw: Raw, group: _Group, speed: float, flow: float, end: flo
         target["motion"] = {"kind": "waypoints", "points": [_round(point)], "speed": float(np.round(speed, 3))}
         return
     times = np.arange(0.0, 3.0 * end + 12.0, 6.0)  # for a run three times as long, which may decide
-    headings = np.cumsum(rng.normal(0.0, 0.7, len(times)))
+    turns = rng.normal(0.0, 0.7, len(np.arange(0.0, end + 12.0, 6.0)))
+    headings = np.cumsum(np.pad(turns, (0, len(times) - len(turns))))
     steps = 6.0 * speed * np.column_stack([np.cos(headings), np.sin(headings), np.zeros(len(times))])[:, :n]
     places = start + np.vstack([np.zeros(n), np.cumsum(steps[:-1], axis=0)])
     target["motion"] = {"kind": "recorded", "samples": _round(np.column_stack([times, places])), "pull": pull}
@@ -438,7 +439,7 @@ def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
     filter, diverges, stays far off at its limits, or swings where q*, the medium and noise do not. An error that the
     law itself leaves, as it lags behind a moving target, is no failure unless it grows in a run three times as long.
-    Nor is one that hardly depends on the filter or limit that is at work, or that falls at the end as others come in.
+    Nor is one that hardly depends on the velocity limit that is at work, or that falls at the end as others come in.
     """
     if isinstance(run, Exception):
         return f"refused: {run}"
@@ -502,12 +503,11 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     goes = last.commanded > 0.1 and last.steady > 0.5
     if last.error > MIN_STUCK_ERROR and goes and last.made < 0.15 * last.commanded:
         return f"is stuck: commanded {last.commanded:.2f} m/s, makes {last.made:.2f} m/s, {tail}"
-    held = last.error > MIN_STUCK_ERROR and last.corrected > 0.1 and last.corrected > 0.3 * last.commanded
-    if held and _decides("safety", mission, i, 0.5 * last.error, cuts[3]):
+    if last.error > MIN_STUCK_ERROR and last.corrected > 0.1 and last.corrected > 0.3 * last.commanded:
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
     limited = last.limited > MAX_LIMITED and "safety" not in mission  # which needs a limit
-    far = last.error > max(MIN_ERROR, 1.05 * third.error)  # less is the same error
-    if far and limited and not _decides("velocity_limit", mission, i, APPROACHING * last.error, cuts[3]):
+    far = last.error > max(MIN_ERROR, third.error)
+    if far and limited and not _limit_decides(mission, i, last, cuts[3]):
         last = replace(last, limited=0.0)
     centre = 0.5 * (cuts[3] + cuts[4])
     if far and last.incapable:  # others that are on their way draw an agent off its place, and it comes back with them
@@ -532,12 +532,11 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     return None
 
 
-def _decides(what: str, mission: Raw, i: int, allowed: float, begin: float) -> bool:
-    """Return True if an agent's error from `begin`, s, on is below `allowed`, m, without its limit or `safety`."""
-    free = {k: v for k, v in mission.items() if k != what}
-    free["controller"] = {k: v for k, v in mission["controller"].items() if k != what}
+def _limit_decides(mission: Raw, i: int, last: _Motion, begin: float) -> bool:
+    """Return False if an agent is as far off from `begin`, s, on without its velocity limit as in its `last` motion."""
+    free = mission | {"controller": {k: v for k, v in mission["controller"].items() if k != "velocity_limit"}}
     run = mjsheaf.simulate(make_scenario(free), progress=False)
-    return run.attrs["status"] != "finished" or _motion(free, run, i, begin, np.inf).error < allowed
+    return run.attrs["status"] != "finished" or _motion(free, run, i, begin, np.inf).error < APPROACHING * last.error
 
 
 def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> _Motion:

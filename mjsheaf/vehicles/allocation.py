@@ -11,7 +11,7 @@ of efforts on the rows surge, sway and yaw, the efforts are those in U that
 If w is feasible, the efforts produce it up to 1e-8 of what the thrusters make at most. If not, they produce up to 1e-8,
 or 1e-4 with thrusters that turn, the wrench that is nearest where each row is divided by its norm, and the square of
 yaw counts 1e5 times. So yaw differs from that of 1 by at most 1/300 of what the force lacks, in these units. This holds
-for wrenches of up to 10,000 times what the thrusters make.
+for wrenches of up to 10,000 times what the thrusters make; where lever arms are almost the same, up to 1e-4.
 
 The dual problem yields them: u = P(W' y), the point of U nearest to W' y, where y minimises a convex function with the
 gradient W P(W' y) - w. y has three components whatever the number of thrusters. Each round minimises that function plus
@@ -218,8 +218,8 @@ def allocate_nearest(channels, scale, force, yaw, effort):
         if last <= (1.0 - 1e-12) * slope and not _size(subtract(residual, before)) > accuracy:
             break
         # The weights fall if at least half of r may be made. If not, y grows for ever, and its rounding with it: they
-        # fall while the next d is below 1e7 times the wrench, where rounding matters little.
-        if last > 0.5 * slope or _size(d) < 1e6 * _size(_plus(residual, 1.0, wrench)):
+        # fall while the next d is below 1e5 times the wrench, where both engines still make the same of it.
+        if last > 0.5 * slope or _size(d) < 1e4 * _size(_plus(residual, 1.0, wrench)):
             weight *= 0.1
     _make_wrench(channels, dual, effort)
 
