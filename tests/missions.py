@@ -2,7 +2,7 @@
 
 About half of the missions are within the capabilities of their vehicles; the others ask for more in one or two of the
 ways in `CAUSES`. The oracle judges a run by its dataset, without code of `check` or of the notes of `run`; whether a
-velocity limit decides, by one more run without it.
+velocity limit or the safety filter decides, by one more run without it.
 """
 
 from dataclasses import dataclass, field, replace
@@ -439,7 +439,7 @@ def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
     filter, diverges, stays far off at its limits, or swings where q*, the medium and noise do not. An error that the
     law itself leaves, as it lags behind a moving target, is no failure unless it grows in a run three times as long.
-    Nor is one that hardly depends on the velocity limit that is at work, or that falls at the end as others come in.
+    Nor is one that hardly depends on the limit or filter at work, or that falls at the end as others come in.
     """
     if isinstance(run, Exception):
         return f"refused: {run}"
@@ -503,11 +503,17 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     goes = last.commanded > 0.1 and last.steady > 0.5
     if last.error > MIN_STUCK_ERROR and goes and last.made < 0.15 * last.commanded:
         return f"is stuck: commanded {last.commanded:.2f} m/s, makes {last.made:.2f} m/s, {tail}"
-    if last.error > MIN_STUCK_ERROR and last.corrected > 0.1 and last.corrected > 0.3 * last.commanded:
+    corrected = last.corrected > 0.1 and last.corrected > 0.3 * last.commanded
+    free = {key: value for key, value in mission.items() if key != "safety"}
+    less = max(
+        0.5 * last.error, min(last.error - 1.0, APPROACHING * last.error)
+    )  # without a filter that holds the agent up
+    if last.error > MIN_STUCK_ERROR and corrected and _is_nearer(free, i, less, cuts[3]):
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
     limited = last.limited > MAX_LIMITED and "safety" not in mission  # which needs a limit
     far = last.error > max(MIN_ERROR, third.error)
-    if far and limited and not _limit_decides(mission, i, last, cuts[3]):
+    free = mission | {"controller": {k: v for k, v in mission["controller"].items() if k != "velocity_limit"}}
+    if far and limited and not _is_nearer(free, i, APPROACHING * last.error, cuts[3]):
         last = replace(last, limited=0.0)
     centre = 0.5 * (cuts[3] + cuts[4])
     if far and last.incapable:  # others that are on their way draw an agent off its place, and it comes back with them
@@ -532,11 +538,10 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     return None
 
 
-def _limit_decides(mission: Raw, i: int, last: _Motion, begin: float) -> bool:
-    """Return False if an agent is as far off from `begin`, s, on without its velocity limit as in its `last` motion."""
-    free = mission | {"controller": {k: v for k, v in mission["controller"].items() if k != "velocity_limit"}}
+def _is_nearer(free: Raw, i: int, error: float, begin: float) -> bool:
+    """Return True if an agent's mean error in another mission, from `begin`, s, on, is below `error`, or that fails."""
     run = mjsheaf.simulate(make_scenario(free), progress=False)
-    return run.attrs["status"] != "finished" or _motion(free, run, i, begin, np.inf).error < APPROACHING * last.error
+    return run.attrs["status"] != "finished" or _motion(free, run, i, begin, np.inf).error < error
 
 
 def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> _Motion:

@@ -5,7 +5,8 @@ large angles, the safety filter, losses, gusts. It uses the fused engine, or MuJ
 scenario's seed. Its verdict is the same on every machine, because the part that is tried depends only on the number of
 vehicle-steps.
 
-One more run, without the safety filter or velocity limits, decides whether these hold up agents that are away.
+One more run, without the safety filter or velocity limits, decides whether these hold up agents that are away. One
+without noise, gusts, waves and disturbances decides whether they drive an oscillation, or only hide a limit cycle.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import TooClose, too_close_in
+from mjsheaf.compile.jit import as_records
 from mjsheaf.errors import InputError, NotUniqueError, RankError, with_verb
 from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import engine_of, prepare_run
@@ -64,6 +66,7 @@ _JUDGED = (
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
 _FAR_BY = 1.0  # m: errors and motions that count
+_APPROACHING = 0.98  # mean error of the last quarter over that of the one before, up to which an agent comes nearer
 _NEARLY = 1.0 - 1e-9  # fraction of the velocity limit at which a command is at it
 _DEPTH = 0.1  # m below the surface, at which an aircraft has fallen
 
@@ -124,7 +127,7 @@ def try_mission(
     stuck = [one for one in find_stuck(phases, data) if one.at_end] if finished else []
     problems = list(_problems(scenario, phases, run, stuck))
     if finished and not problems:
-        problems += _held_up(scenario, phases, data, progress)
+        problems += [*_held_up(scenario, phases, data, progress), *_circling_in_calm(scenario, phases, data, progress)]
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
     return TrialRecord(
@@ -263,7 +266,7 @@ def _problems(
     yield from growing
     if not stuck and not growing:
         yield from _without_headway(system, last)
-    yield from _circling(system, last)
+    yield from _circling(system, last, _cycling(system, last), "neither noise nor disturbances explain it")
     whole = phases[0].system
     if whole.waiting is not None:
         N = len(team.agents)
@@ -381,7 +384,7 @@ def _held_up(
     progress: Callable[[int, int], None] | None,
     *,
     least: float = 0.1,
-    share: float = 0.3,
+    share: float = 0.2,
     mostly: float = 0.5,
     far_at_limit: float = 3.0,
     far_filtered: float = 1.5,
@@ -402,7 +405,7 @@ def _held_up(
         mostly: Fraction of the last quarter at the velocity limit, up to which the limit does not hold an agent up.
         far_at_limit: Mean error in the last quarter up to which a velocity limit does not count, m.
         far_filtered: Mean error in the last quarter up to which the filter does not count, m.
-        nearer: Fraction of the mean error, and at least `_FAR_BY`, that must be missing in the other run.
+        nearer: Fraction of the mean error that must be missing in the other run, and also `_FAR_BY`, or half of it.
     """
     system, last = of_phase(phases, data, -1)
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
@@ -413,7 +416,8 @@ def _held_up(
     speed = np.linalg.norm(np.nan_to_num(end["velocity_command"].values), axis=2)
     limited = (speed >= _NEARLY * system.law.limit[: speed.shape[1]]).mean(axis=0) > mostly
     causes: dict[str, tuple[BoolArray, dict[str, Any]]] = {}
-    causes["velocity limits"] = limited & (off > np.maximum(far_at_limit, third)), {"unlimited": True}
+    limited &= off > np.maximum(far_at_limit, _APPROACHING * third)
+    causes["velocity limits"] = limited, {"unlimited": True}
     if "safety_correction" in end:
         changed = end["safety_correction"].mean("time").values
         acts = changed > np.maximum(least, share * _by_second(end, np.zeros(3))[0].mean(axis=0))
@@ -422,22 +426,28 @@ def _held_up(
         held &= ~_are_approaching(quarters)
         if not held.any():
             continue
-        free = [replace(phase, system=replace(phase.system, **without)) for phase in phases]
         words = "held up: {name} is {number:.3g} m off in the last quarter, up to t = {time:.6g} s, "
-        try:
-            other = _run(scenario, free, progress).data
-        except InputError:  # of a registered term
-            other = None
-        if other is not None and other.attrs["status"] == "finished":
-            left = _of_quarters(of_phase(free, other, -1)[1])[3]
+        free = [replace(phase, system=replace(phase.system, **without)) for phase in phases]
+        other = _again(scenario, free, progress)
+        if other is not None:
+            left = _of_quarters(other)[3]
             words += f"and {{left:.3g}} m without {cause}"
-        elif "unlimited" in without:  # the limit may be what keeps the loop within bounds
-            continue
         else:
             left = np.zeros(len(off))
             words += f"and the run fails without {cause}"
-        held &= off - left > np.maximum(_FAR_BY, nearer * off)
+        held &= off - left > np.maximum(nearer * off, np.minimum(_FAR_BY, 0.5 * off))
         yield from _failing("held_up", system.team.agent_ids, held, off, float(last["time"][-1]), words, left=left)
+
+
+def _again(
+    scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, int], None] | None
+) -> xr.Dataset | None:
+    """Run a mission with other phases; return the data of the last one, or None if the run fails."""
+    try:
+        data = _run(scenario, phases, progress).data
+    except InputError:  # of a registered term
+        return None
+    return of_phase(phases, data, -1)[1] if data.attrs["status"] == "finished" else None
 
 
 def _without_headway(
@@ -445,10 +455,10 @@ def _without_headway(
     last: xr.Dataset,
     *,
     least: float = 0.1,
+    idle_at: tuple[float, float] = (1.5, 2.0),
     headway: float = 0.15,
     share: float = 0.7,
     off: float = 2.8,
-    nearer: float = 0.98,
 ) -> Iterator[TrialProblem]:
     """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
@@ -458,20 +468,24 @@ def _without_headway(
         system: System of the last phase.
         last: Its data.
         least: Commanded speed below which an agent counts as commanded to stay, m/s.
+        idle_at: Mean error in the last quarter above which too little headway counts, m: of an agent whose mean command
+            is more than half of their mean size, and of one whose commands turn, as in a limit cycle.
         headway: Least fraction of the commanded speed that an agent must reach in its direction.
         share: Least fraction of its commanded velocity that an agent must reach, if it is away.
         off: Mean error in the last quarter above which it is, m.
-        nearer: That error over the mean one of the quarter before, up to which an agent approaches its place.
     """
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
     quarters = _of_quarters(last)
     third, fourth = quarters[2:]
-    size, along = _by_second(last.isel(time=slice(-(last.sizes["time"] // 4), None)), np.zeros(3))
+    end = last.isel(time=slice(-(last.sizes["time"] // 4), None))
+    size, along = _by_second(end, np.zeros(3))
     commanded, towards = size.mean(axis=0), along.mean(axis=0)
-    idle = (towards < headway * commanded) & (fourth > 2.0 * _FAR_BY) & ~_are_approaching(quarters)
+    steady = np.linalg.norm(np.nan_to_num(end["velocity_command"].mean("time").values), axis=1) > 0.5 * commanded
+    away = fourth > np.where(steady, *idle_at)
+    idle = (towards < headway * commanded) & away & ~_are_approaching(quarters)
     part = (along * size).sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
-    short = (part < share) & (fourth > off) & (fourth > nearer * third)
+    short = (part < share) & (fourth > off) & (fourth > _APPROACHING * third)
     failed = (commanded > least) & (idle | short)
     words = (
         "without headway: {name} is commanded {commanded:.3g} m/s and makes {towards:.3g} m/s of it, {number:.3g} m "
@@ -529,21 +543,59 @@ def _by_second(data: xr.Dataset, held: Array) -> tuple[Array, Array]:
     return size, (made * command).sum(axis=2) / np.where(size > 0.0, size, 1.0)
 
 
-def _circling(system: System, last: xr.Dataset) -> Iterator[TrialProblem]:
-    """Yield agents in a limit cycle: they oscillate without decay over the last phase, and nothing explains it."""
-    q_star = np.nan_to_num(last["harmonic_extension"].values)
-    offsets = q_star - np.nan_to_num(last["agent_position"].values)
+def _cycling(system: System, last: xr.Dataset, least: float = _FAR_BY) -> BoolArray:
+    """Return which agents oscillate by more than `least` m over a phase, without decay, and nothing explains it."""
+    q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
+    each = np.moveaxis(q_star - positions, 1, 0)[:, :, None]
     time = last["time"].values
-    each = [offsets[:, [i]] for i in range(offsets.shape[1])]
-    swing = np.array([swing_at_end(own) for own in each])
-    failed = np.array(
-        [undecayed_swing(own, _FAR_BY) is not None and is_unexplained(system, time, q_star, own) for own in each]
+    return np.array(
+        [undecayed_swing(own, least) is not None and is_unexplained(system, time, q_star, own) for own in each]
     )
-    words = (
-        "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and neither noise "
-        "nor disturbances explain it"
-    )
-    yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(time[-1]), words)
+
+
+def _circling(system: System, last: xr.Dataset, failed: BoolArray, why: str) -> Iterator[TrialProblem]:
+    """Yield agents in a limit cycle, for which `failed` is true, with the end of the sentence."""
+    offsets = np.nan_to_num((last["harmonic_extension"] - last["agent_position"]).values)
+    swing = np.array([swing_at_end(own[:, None]) for own in np.moveaxis(offsets, 1, 0)])
+    end = float(last["time"][-1])
+    words = "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and " + why
+    yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, end, words)
+
+
+def _circling_in_calm(
+    scenario: Scenario,
+    phases: Sequence[Phase],
+    data: xr.Dataset,
+    progress: Callable[[int, int], None] | None,
+    *,
+    least: float = 1.5,
+) -> Iterator[TrialProblem]:
+    """Yield agents in a limit cycle that noise or the medium could explain, if it is there without these.
+
+    Args:
+        scenario: The scenario.
+        phases: Its phases.
+        data: The run.
+        progress: Called with the samples done and the number of samples.
+        least: Oscillations of the run that count, m RMS.
+    """
+    calm = [replace(phase, system=_calm(phase.system)) for phase in phases]
+    system, last = of_phase(calm, data, -1)
+    failed = _cycling(system, last, least)
+    other = _again(scenario, calm, progress) if failed.any() else None
+    if other is not None:
+        failed &= _cycling(system, other)
+        yield from _circling(system, last, failed, "so it does without noise, gusts, waves and disturbances")
+
+
+def _calm(system: System) -> System:
+    """Return a system without noise of links and odometry, gusts, waves and disturbances."""
+    law, table = system.law, system.law.links.table.copy()
+    for name in ("noise", "range_noise", "bearing_noise"):
+        table[name] = 0.0
+    law = law._replace(links=law.links._replace(table=as_records(table)), terms=law.terms._replace(noise=0.0))
+    flows = [flow.model_copy(update={"gusts": None, "waves": None}) for flow in system.flows]
+    return replace(system, law=law, flows=flows, harmonics=np.zeros_like(system.harmonics))
 
 
 def _far_off(
