@@ -114,6 +114,13 @@ def test_a_gain_above_that_of_the_vehicles_ends_in_a_limit_cycle(bound: float) -
     assert [one["kind"] for one in record["trial"]["problems"]] == ["limit_cycle"]
 
 
+@pytest.mark.parametrize(("delay", "expected"), [(1.0, {"limit_cycle"}), (0.0, set())])
+def test_noise_hides_no_limit_cycle(delay: float, expected: set[str]) -> None:
+    """Of a gain that is too high for the delay; noise of 1 m could move a boat as far."""
+    law, links = {"gain": 2.0, "control_period": 0.05, "velocity_limit": 4.0}, {"all": {"delay": delay, "noise": 1.0}}
+    assert kinds(lone("hull", [3.0, 0.0], {}, controller=law, links=links)) == expected
+
+
 def test_a_team_with_a_free_direction_is_refused_and_its_fix_is_tried(checked: Callable[[str], Answer]) -> None:
     record = json.loads(checked("air_tracks_surface").out)
     assert [problem["kind"] for problem in record["trial"]["problems"]] == ["refused"]
