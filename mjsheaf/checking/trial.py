@@ -266,7 +266,7 @@ def _problems(
     yield from growing
     if not stuck and not growing:
         yield from _without_headway(system, last)
-    yield from _circling(system, last, _cycling(system, last), "neither noise nor disturbances explain it")
+    yield from _circling(system, last, _in_limit_cycle(system, last), "neither noise nor disturbances explain it")
     whole = phases[0].system
     if whole.waiting is not None:
         N = len(team.agents)
@@ -543,7 +543,7 @@ def _by_second(data: xr.Dataset, held: Array) -> tuple[Array, Array]:
     return size, (made * command).sum(axis=2) / np.where(size > 0.0, size, 1.0)
 
 
-def _cycling(system: System, last: xr.Dataset, least: float = _FAR_BY) -> BoolArray:
+def _in_limit_cycle(system: System, last: xr.Dataset, least: float = _FAR_BY) -> BoolArray:
     """Return which agents oscillate by more than `least` m over a phase, without decay, and nothing explains it."""
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
     each = np.moveaxis(q_star - positions, 1, 0)[:, :, None]
@@ -581,10 +581,10 @@ def _circling_in_calm(
     """
     calm = [replace(phase, system=_calm(phase.system)) for phase in phases]
     system, last = of_phase(calm, data, -1)
-    failed = _cycling(system, last, least)
+    failed = _in_limit_cycle(system, last, least)
     other = _again(scenario, calm, progress) if failed.any() else None
     if other is not None:
-        failed &= _cycling(system, other)
+        failed &= _in_limit_cycle(system, other)
         yield from _circling(system, last, failed, "so it does without noise, gusts, waves and disturbances")
 
 
