@@ -539,9 +539,9 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
 
 
 def _is_nearer(free: Raw, i: int, error: float, begin: float) -> bool:
-    """Return True if an agent's mean error in another mission, from `begin`, s, on, is below `error`, or that fails."""
+    """Return True if an agent's mean error in another mission, from `begin`, s, on, is below `error`."""
     run = mjsheaf.simulate(make_scenario(free), progress=False)
-    return run.attrs["status"] != "finished" or _motion(free, run, i, begin, np.inf).error < error
+    return run.attrs["status"] == "finished" and _motion(free, run, i, begin, np.inf).error < error
 
 
 def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> _Motion:

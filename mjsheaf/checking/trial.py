@@ -30,6 +30,7 @@ from mjsheaf.results.ending import (
     MIN_DURATION,
     MIN_SPEED,
     ROUNDING,
+    STEADY,
     Stuck,
     find_stuck,
     is_unexplained,
@@ -39,6 +40,7 @@ from mjsheaf.results.ending import (
 from mjsheaf.results.metrics import check_expectation, late_errors, safety_of, summarize, summarize_phases
 from mjsheaf.scenario import Scenario
 from mjsheaf.section import PER_AGENT_RMS, Finite, Norm, Record
+from mjsheaf.vehicles.effects import authority_of
 
 MAX_VEHICLE_STEPS = 100_000_000
 """Largest number of vehicles times physics steps of a trial; for a larger mission, only the beginning is tried."""
@@ -66,7 +68,6 @@ _JUDGED = (
 _MIN_SAMPLES = 8  # of a phase whose end is judged
 _OFTEN = 0.1  # largest fraction of the second half that a vehicle may spend at a limit
 _FAR_BY = 1.0  # m: errors and motions that count
-_APPROACHING = 0.98  # mean error of the last quarter over that of the one before, up to which an agent comes nearer
 _NEARLY = 1.0 - 1e-9  # fraction of the velocity limit at which a command is at it
 _DEPTH = 0.1  # m below the surface, at which an aircraft has fallen
 
@@ -387,6 +388,7 @@ def _held_up(
     share: float = 0.2,
     mostly: float = 0.5,
     far_at_limit: float = 3.0,
+    level: float = 0.995,
     far_filtered: float = 1.5,
     nearer: float = 0.15,
 ) -> Iterator[TrialProblem]:
@@ -404,6 +406,7 @@ def _held_up(
         share: That change over the mean speed that is left of the commands, up to which it does not, either.
         mostly: Fraction of the last quarter at the velocity limit, up to which the limit does not hold an agent up.
         far_at_limit: Mean error in the last quarter up to which a velocity limit does not count, m.
+        level: That error over the mean one of the quarter before, up to which a limit does not count, either.
         far_filtered: Mean error in the last quarter up to which the filter does not count, m.
         nearer: Fraction of the mean error that must be missing in the other run, and also `_FAR_BY`, or half of it.
     """
@@ -416,11 +419,11 @@ def _held_up(
     speed = np.linalg.norm(np.nan_to_num(end["velocity_command"].values), axis=2)
     limited = (speed >= _NEARLY * system.law.limit[: speed.shape[1]]).mean(axis=0) > mostly
     causes: dict[str, tuple[BoolArray, dict[str, Any]]] = {}
-    limited &= off > np.maximum(far_at_limit, _APPROACHING * third)
+    limited &= off > np.maximum(far_at_limit, level * third)
     causes["velocity limits"] = limited, {"unlimited": True}
     if "safety_correction" in end:
         changed = end["safety_correction"].mean("time").values
-        acts = changed > np.maximum(least, share * _by_second(end, np.zeros(3))[0].mean(axis=0))
+        acts = changed > np.maximum(least, share * np.linalg.norm(_by_second(system, end)[0], axis=2).mean(axis=0))
         causes["the safety filter"] = acts & (off > far_filtered), {"safety": None}
     for cause, (held, without) in causes.items():
         held &= ~_are_approaching(quarters)
@@ -432,6 +435,8 @@ def _held_up(
         if other is not None:
             left = _of_quarters(other)[3]
             words += f"and {{left:.3g}} m without {cause}"
+        elif "unlimited" in without:  # the limit may be what keeps the loop within bounds
+            continue
         else:
             left = np.zeros(len(off))
             words += f"and the run fails without {cause}"
@@ -459,6 +464,7 @@ def _without_headway(
     headway: float = 0.15,
     share: float = 0.7,
     off: float = 2.8,
+    nearer: float = 0.98,
 ) -> Iterator[TrialProblem]:
     """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
@@ -468,24 +474,27 @@ def _without_headway(
         system: System of the last phase.
         last: Its data.
         least: Commanded speed below which an agent counts as commanded to stay, m/s.
-        idle_at: Mean error in the last quarter above which too little headway counts, m: of an agent whose mean command
-            is more than half of their mean size, and of one whose commands turn, as in a limit cycle.
+        idle_at: Mean error in the last quarter above which too little headway counts, m: of a vehicle that lacks
+            directions and whose mean command is more than half of their mean size, and of any other.
         headway: Least fraction of the commanded speed that an agent must reach in its direction.
         share: Least fraction of its commanded velocity that an agent must reach, if it is away.
         off: Mean error in the last quarter above which it is, m.
+        nearer: That error over the mean one of the quarter before, up to which an agent approaches its place.
     """
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
     quarters = _of_quarters(last)
     third, fourth = quarters[2:]
     end = last.isel(time=slice(-(last.sizes["time"] // 4), None))
-    size, along = _by_second(end, np.zeros(3))
-    commanded, towards = size.mean(axis=0), along.mean(axis=0)
-    steady = np.linalg.norm(np.nan_to_num(end["velocity_command"].mean("time").values), axis=1) > 0.5 * commanded
-    away = fourth > np.where(steady, *idle_at)
-    idle = (towards < headway * commanded) & away & ~_are_approaching(quarters)
-    part = (along * size).sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
-    short = (part < share) & (fourth > off) & (fourth > _APPROACHING * third)
+    command, made = _by_second(system, end)
+    size, along = np.linalg.norm(command, axis=2), (made * command).sum(axis=2)
+    commanded, towards = size.mean(axis=0), (along / np.where(size > 0.0, size, 1.0)).mean(axis=0)
+    idle = (towards < headway * commanded) & (fourth > idle_at[0]) & ~_are_approaching(quarters)
+    for i in np.flatnonzero(idle & (fourth <= idle_at[1])).tolist():
+        one_sided = bool(authority_of(system.vehicles[i]).lacking)
+        idle[i] = one_sided and np.linalg.norm(command[:, i].mean(axis=0)) > 0.5 * commanded[i]
+    part = along.sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
+    short = (part < share) & (fourth > off) & (fourth > nearer * third)
     failed = (commanded > least) & (idle | short)
     words = (
         "without headway: {name} is commanded {commanded:.3g} m/s and makes {towards:.3g} m/s of it, {number:.3g} m "
@@ -523,33 +532,34 @@ def _are_approaching(quarters: Array, *, falls: float = 0.5**0.25) -> BoolArray:
     return (first > second) & (second > third) & (fourth < falls * third)
 
 
-def _by_second(data: xr.Dataset, held: Array) -> tuple[Array, Array]:
-    """Return commanded speeds, and velocities through the medium along the commands, shape (T, N), m/s.
+def _by_second(system: System, data: xr.Dataset) -> tuple[Array, Array]:
+    """Return commanded velocities, and velocities through the medium, shape (T, N, 3), m/s.
 
-    Both are of means over a second: commands jump with noise and losses, and velocities follow them later.
+    Both are means over a second: commands jump with noise and losses, and velocities follow them later. The part of a
+    command that holds an agent against the wind on its hull is left out.
 
     Args:
+        system: System of the run.
         data: A part of the run.
-        held: Part of the commands that is not counted, shape (3,) or (N, 3), m/s.
     """
     seconds = max(1, int(float(data["time"][-1] - data["time"][0])))
     blocks = np.array_split(np.arange(data.sizes["time"]), min(seconds, data.sizes["time"]))
+    level = np.isnan(data["velocity_command"].values)  # of vehicles in the plane
+    through = np.where(level, 0.0, data["agent_velocity"] - data["agent_flow"])
     command, made = (
         np.concatenate([np.broadcast_to(values[block].mean(axis=0), values[block].shape) for block in blocks])
-        for values in map(np.nan_to_num, (data["velocity_command"], data["agent_velocity"] - data["agent_flow"]))
+        for values in (np.nan_to_num(data["velocity_command"].values), np.nan_to_num(through))
     )
-    command -= held
-    size = np.linalg.norm(command, axis=2)
-    return size, (made * command).sum(axis=2) / np.where(size > 0.0, size, 1.0)
+    return command + system.drift_in_wind(-made.mean(axis=0)), made
 
 
-def _in_limit_cycle(system: System, last: xr.Dataset, least: float = _FAR_BY) -> BoolArray:
-    """Return which agents oscillate by more than `least` m over a phase, without decay, and nothing explains it."""
+def _in_limit_cycle(system: System, last: xr.Dataset, least: float = _FAR_BY, ratio: float = STEADY) -> BoolArray:
+    """Return which agents oscillate at the end of a phase, and nothing explains it; see `undecayed_swing`."""
     q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
     each = np.moveaxis(q_star - positions, 1, 0)[:, :, None]
     time = last["time"].values
     return np.array(
-        [undecayed_swing(own, least) is not None and is_unexplained(system, time, q_star, own) for own in each]
+        [undecayed_swing(own, least, ratio) is not None and is_unexplained(system, time, q_star, own) for own in each]
     )
 
 
@@ -581,11 +591,11 @@ def _circling_in_calm(
     """
     calm = [replace(phase, system=_calm(phase.system)) for phase in phases]
     system, last = of_phase(calm, data, -1)
-    failed = _in_limit_cycle(system, last, least)
+    failed = _in_limit_cycle(system, last, least, 0.0)  # noise may decay by chance
     other = _again(scenario, calm, progress) if failed.any() else None
     if other is not None:
         failed &= _in_limit_cycle(system, other)
-        yield from _circling(system, last, failed, "so it does without noise, gusts, waves and disturbances")
+        yield from _circling(system, last, failed, "it does so without noise, gusts, waves and disturbances, too")
 
 
 def _calm(system: System) -> System:
@@ -659,8 +669,7 @@ def _limited(
     command: one that makes it lacks nothing, and its error is the law's. The margin is small, since a command grows
     slowly behind a place that moves a little faster than the vehicle, and means over a second have little noise. An
     agent is at a limit throughout if its mean velocity over the second half is too small for the commands, as for a
-    vehicle whose tilt is limited: these follow their commands less closely. The part of the command that compensates
-    for wind on a hull is not counted.
+    vehicle whose tilt is limited: these follow their commands less closely.
 
     Args:
         system: System of the run.
@@ -669,18 +678,12 @@ def _limited(
         shortfall: The same fraction for a vehicle whose thrusters do not saturate.
     """
     half = data.isel(time=slice(data.sizes["time"] // 2, None))
-    command, velocity, flow, saturation = (
-        np.nan_to_num(half[name].values)
-        for name in ("velocity_command", "agent_velocity", "agent_flow", "agent_saturation")
-    )
-    made = np.where(np.isnan(half["velocity_command"].values), 0.0, velocity - flow)  # of vehicles in the plane, level
-    steady = made.mean(axis=0)
-    # Against the wind on its hull, an agent's command exceeds its velocity.
-    held = -system.drift_in_wind(-steady)
-    size, along = _by_second(half, held)
-    at_limit = (saturation > 0.0) & (along < (1.0 - unmade) * size)
-    at_limit |= np.linalg.norm(command, axis=2) >= _NEARLY * system.law.limit[: command.shape[1]]
-    commanded = np.linalg.norm(command.mean(axis=0), axis=1)
-    missing = command.mean(axis=0) - held - steady
+    command, made = _by_second(system, half)
+    asked = np.nan_to_num(half["velocity_command"].values)
+    saturated = np.nan_to_num(half["agent_saturation"].values) > 0.0
+    at_limit = saturated & ((made * command).sum(axis=2) < (1.0 - unmade) * (command**2).sum(axis=2))
+    at_limit |= np.linalg.norm(asked, axis=2) >= _NEARLY * system.law.limit[: asked.shape[1]]
+    commanded = np.linalg.norm(asked.mean(axis=0), axis=1)
+    missing = (command - made).mean(axis=0)
     short = (commanded > MIN_SPEED) & (np.linalg.norm(missing, axis=1) > shortfall * commanded)
     return np.where(short, 1.0, at_limit.mean(axis=0))

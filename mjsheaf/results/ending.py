@@ -32,6 +32,7 @@ import xarray as xr
 
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.loop.system import Phase, System, phases_of
+from mjsheaf.media.medium import WITHOUT_MEAN
 from mjsheaf.results.dataset import of_phase
 from mjsheaf.results.store import thinned
 from mjsheaf.vehicles.effects import authority_of, turning_of
@@ -40,9 +41,10 @@ Ending = Literal["settled", "not settled", "diverging"]
 
 ROUNDING = 1e-9
 """Largest errors, and oscillations of them, that count as rounding, m."""
+STEADY = 0.95
+"""Amplitude of an oscillation in the last quarter over that of the quarter before, below which it decays."""
 
 _MIN_SAMPLES = 8
-_STEADY_SWING = 0.05  # largest relative difference in amplitude of two quarters that is neither growth nor decay
 # A mode of the law passes on at most the motion of q* at each frequency, and a loop at 0.8 of its largest gain about
 # four times that. So q* does not explain an oscillation larger than this factor times its own about a straight line.
 _MAX_OF_Q_STAR = 5.0
@@ -89,7 +91,8 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     """
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
-    unknown = system.moving or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any()
+    shaken = any(isinstance(part, WITHOUT_MEAN) for part in system.moving)
+    unknown = shaken or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any()
     if unknown or len(time) < _MIN_SAMPLES:
         return False
     noise = float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
@@ -116,7 +119,7 @@ def judge(error: Array, offsets: Array | None = None) -> Ending | None:
     # A fainter oscillation than a ten-thousandth of the range of the error does not count.
     swing = None if offsets is None else undecayed_swing(offsets, max(1e-4 * float(np.ptp(error)), ROUNDING))
     if swing is not None:
-        return "not settled" if swing <= 1.0 + _STEADY_SWING else "diverging"
+        return "not settled" if swing <= 1.0 / STEADY else "diverging"
     if is_level(error):
         return "settled"
     first, before, last = (_mean(quarter)[0] for quarter in _quarters(error))
@@ -124,15 +127,15 @@ def judge(error: Array, offsets: Array | None = None) -> Ending | None:
     return "diverging" if before > first and last - before > 0.9 * (before - first) else "not settled"
 
 
-def undecayed_swing(offsets: Array, least: float) -> float | None:
+def undecayed_swing(offsets: Array, least: float, decay: float = STEADY) -> float | None:
     """Return the amplitude of an oscillation in the last quarter over that in the quarter before.
 
-    None if offsets (T, N, 3), m, do not oscillate at the end by more than `least`, m, or if that decays.
+    None if offsets (T, N, 3), m, do not oscillate at the end by more than `least`, m, or if the ratio is below `decay`.
     """
     third, fourth = _quarters(offsets)[-2:]
     ratio = _swing(fourth) / max(_swing(third), 1e-300)
     oscillates = _swing(fourth) > least and _reversals(fourth) >= 3  # fewer may be a drift
-    return ratio if oscillates and ratio >= 1.0 - _STEADY_SWING else None
+    return ratio if oscillates and ratio >= decay else None
 
 
 def _is_judgeable(error: Array) -> bool:

@@ -118,7 +118,7 @@ def test_a_gain_above_that_of_the_vehicles_ends_in_a_limit_cycle(bound: float) -
 def test_noise_hides_no_limit_cycle(delay: float, expected: set[str]) -> None:
     """Of a gain that is too high for the delay; noise of 1 m could move a boat as far."""
     law, links = {"gain": 2.0, "control_period": 0.05, "velocity_limit": 4.0}, {"all": {"delay": delay, "noise": 1.0}}
-    assert kinds(lone("hull", [3.0, 0.0], {}, controller=law, links=links)) == expected
+    assert kinds(lone("hull", [3.0, 0.0], {}, controller=law, links=links, time={"end": 60})) == expected
 
 
 def test_a_team_with_a_free_direction_is_refused_and_its_fix_is_tried(checked: Callable[[str], Answer]) -> None:
