@@ -2,7 +2,7 @@
 
 About half of the missions are within the capabilities of their vehicles; the others ask for more in one or two of the
 ways in `CAUSES`. The oracle judges a run by its dataset, without code of `check` or of the notes of `run`; whether a
-velocity limit or the safety filter decides, by one more run without it.
+velocity limit, the safety filter or a body decides, by one more run without it.
 """
 
 from dataclasses import dataclass, field, replace
@@ -505,11 +505,12 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
         return f"is stuck: commanded {last.commanded:.2f} m/s, makes {last.made:.2f} m/s, {tail}"
     corrected = last.corrected > 0.1 and last.corrected > 0.3 * last.commanded
     free = {key: value for key, value in mission.items() if key != "safety"}
-    less = max(
-        0.5 * last.error, min(last.error - 1.0, APPROACHING * last.error)
-    )  # without a filter that holds the agent up
+    less = max(0.5 * last.error, min(last.error - 1.0, APPROACHING * last.error))  # m, without what holds it up
     if last.error > MIN_STUCK_ERROR and corrected and _is_nearer(free, i, less, cuts[3]):
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
+    short = last.shortfall > MAX_SHORTFALL
+    if last.error > MIN_ERROR and short and not _is_nearer(mission, i, less, cuts[3], "ideal"):
+        last = replace(last, shortfall=0.0)  # the law itself leaves the error
     limited = last.limited > MAX_LIMITED and "safety" not in mission  # which needs a limit
     far = last.error > max(MIN_ERROR, third.error)
     free = mission | {"controller": {k: v for k, v in mission["controller"].items() if k != "velocity_limit"}}
@@ -538,10 +539,11 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     return None
 
 
-def _is_nearer(free: Raw, i: int, error: float, begin: float) -> bool:
-    """Return True if an agent's mean error in another mission, from `begin`, s, on, is below `error`."""
-    run = mjsheaf.simulate(make_scenario(free), progress=False)
-    return run.attrs["status"] == "finished" and _motion(free, run, i, begin, np.inf).error < error
+def _is_nearer(free: Raw, i: int, error: float, begin: float, backend: str = "physics") -> bool:
+    """Return True if an agent's mean error in another run, from `begin`, s, on, is below `error`, m."""
+    run = mjsheaf.simulate(make_scenario(free), backend, progress=False)
+    left = run["tracking_error"].isel(agent=i).sel(time=slice(begin, None)).mean()
+    return run.attrs["status"] == "finished" and bool(left < error)
 
 
 def _motion(mission: Raw, run: xr.Dataset, i: int, begin: float, end: float) -> _Motion:

@@ -5,8 +5,9 @@ large angles, the safety filter, losses, gusts. It uses the fused engine, or MuJ
 scenario's seed. Its verdict is the same on every machine, because the part that is tried depends only on the number of
 vehicle-steps.
 
-One more run, without the safety filter or velocity limits, decides whether these hold up agents that are away. One
-without noise, gusts, waves and disturbances decides whether they drive an oscillation, or only hide a limit cycle.
+One more run, without the safety filter or velocity limits, decides whether these hold up agents that are away; one on
+ideal kinematics, whether vehicles that make too little of their commands keep them away, or the law. One without noise,
+gusts, waves and disturbances decides whether these drive an oscillation, or only hide a limit cycle.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -128,7 +129,8 @@ def try_mission(
     stuck = [one for one in find_stuck(phases, data) if one.at_end] if finished else []
     problems = list(_problems(scenario, phases, run, stuck))
     if finished and not problems:
-        problems += [*_held_up(scenario, phases, data, progress), *_circling_in_calm(scenario, phases, data, progress)]
+        for rule in (_held_up, _without_headway, _circling_in_calm):
+            problems += rule(scenario, phases, data, progress)
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
     return TrialRecord(
@@ -184,7 +186,12 @@ class _Run(NamedTuple):
     closest: Mapping[tuple[str, ...], TooClose]
 
 
-def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, int], None] | None) -> _Run:
+def _run(
+    scenario: Scenario,
+    phases: Sequence[Phase],
+    progress: Callable[[int, int], None] | None,
+    backend: str = "physics",
+) -> _Run:
     """Run the part of a mission that fits."""
     system = phases[0].system
     end = system.grid.steps + 1
@@ -192,12 +199,12 @@ def _run(scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, i
     done = 0
     initial: dict[tuple[str, ...], TooClose] = {}
     closest: dict[tuple[str, ...], TooClose] = {}
-    with engine_of(phases, "physics") as engine:
+    with engine_of(phases, backend) as engine:
         fitting = MAX_VEHICLE_STEPS // (len(system.team.members) * engine.steps_per_sample)
         samples = min(end, max(fitting, 1) + 1)
         stride = -(-samples * len(system.team.agents) // _MAX_JUDGED)
         recorded = engine.record(min(samples_in_piece(system), samples))
-        for piece in make_datasets(recorded, "physics", scenario.seed, phases):
+        for piece in make_datasets(recorded, backend, scenario.seed, phases):
             part = piece.isel(time=slice(0, samples - done))
             if "separation" in part:
                 initial = initial if done else too_close_in(system, part.isel(time=[0]))
@@ -263,10 +270,7 @@ def _problems(
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
     system, last = of_phase(phases, data, -1)
-    growing = list(_diverging(system, last, _away(data.sel(agent=last["agent"]), behind=_FAR_BY)))
-    yield from growing
-    if not stuck and not growing:
-        yield from _without_headway(system, last)
+    yield from _diverging(system, last, _away(data.sel(agent=last["agent"]), behind=_FAR_BY))
     yield from _circling(system, last, _in_limit_cycle(system, last), "neither noise nor disturbances explain it")
     whole = phases[0].system
     if whole.waiting is not None:
@@ -390,7 +394,6 @@ def _held_up(
     far_at_limit: float = 3.0,
     level: float = 0.995,
     far_filtered: float = 1.5,
-    nearer: float = 0.15,
 ) -> Iterator[TrialProblem]:
     """Yield agents that the safety filter or a velocity limit holds up, away from their places, without an approach.
 
@@ -408,7 +411,6 @@ def _held_up(
         far_at_limit: Mean error in the last quarter up to which a velocity limit does not count, m.
         level: That error over the mean one of the quarter before, up to which a limit does not count, either.
         far_filtered: Mean error in the last quarter up to which the filter does not count, m.
-        nearer: Fraction of the mean error that must be missing in the other run, and also `_FAR_BY`, or half of it.
     """
     system, last = of_phase(phases, data, -1)
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
@@ -440,39 +442,52 @@ def _held_up(
         else:
             left = np.zeros(len(off))
             words += f"and the run fails without {cause}"
-        held &= off - left > np.maximum(nearer * off, np.minimum(_FAR_BY, 0.5 * off))
+        held &= _is_nearer(left, off)
         yield from _failing("held_up", system.team.agent_ids, held, off, float(last["time"][-1]), words, left=left)
 
 
+def _is_nearer(left: Array, off: Array) -> BoolArray:
+    """Return which mean errors are smaller in another run than in the trial: by 15 %, and by a metre or half, (N,)."""
+    return off - left > np.maximum(0.15 * off, np.minimum(_FAR_BY, 0.5 * off))
+
+
 def _again(
-    scenario: Scenario, phases: Sequence[Phase], progress: Callable[[int, int], None] | None
+    scenario: Scenario,
+    phases: Sequence[Phase],
+    progress: Callable[[int, int], None] | None,
+    backend: str = "physics",
 ) -> xr.Dataset | None:
-    """Run a mission with other phases; return the data of the last one, or None if the run fails."""
+    """Run a mission once more; return the data of the last phase, or None if the run fails."""
     try:
-        data = _run(scenario, phases, progress).data
+        data = _run(scenario, phases, progress, backend).data
     except InputError:  # of a registered term
         return None
     return of_phase(phases, data, -1)[1] if data.attrs["status"] == "finished" else None
 
 
 def _without_headway(
-    system: System,
-    last: xr.Dataset,
+    scenario: Scenario,
+    phases: Sequence[Phase],
+    data: xr.Dataset,
+    progress: Callable[[int, int], None] | None,
     *,
     least: float = 0.1,
     idle_at: tuple[float, float] = (1.5, 2.0),
-    headway: float = 0.15,
-    share: float = 0.7,
+    headway: float = 0.2,
+    share: float = 0.8,
     off: float = 2.8,
     nearer: float = 0.98,
 ) -> Iterator[TrialProblem]:
     """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
-    Examples are boats that circle about their places, and drones whose commands jump faster than they can lean.
+    Examples are boats that circle about their places, and drones whose commands jump faster than they can lean. One
+    more run, on ideal kinematics, shows how far off the law itself leaves them.
 
     Args:
-        system: System of the last phase.
-        last: Its data.
+        scenario: The scenario.
+        phases: Its phases.
+        data: The run.
+        progress: Called with the samples done and the number of samples.
         least: Commanded speed below which an agent counts as commanded to stay, m/s.
         idle_at: Mean error in the last quarter above which too little headway counts, m: of a vehicle that lacks
             directions and whose mean command is more than half of their mean size, and of any other.
@@ -481,6 +496,7 @@ def _without_headway(
         off: Mean error in the last quarter above which it is, m.
         nearer: That error over the mean one of the quarter before, up to which an agent approaches its place.
     """
+    system, last = of_phase(phases, data, -1)
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
     quarters = _of_quarters(last)
@@ -496,20 +512,19 @@ def _without_headway(
     part = along.sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
     short = (part < share) & (fourth > off) & (fourth > nearer * third)
     failed = (commanded > least) & (idle | short)
+    if not failed.any():
+        return
     words = (
         "without headway: {name} is commanded {commanded:.3g} m/s and makes {towards:.3g} m/s of it, {number:.3g} m "
         "off to the end at t = {time:.6g} s"
     )
-    yield from _failing(
-        "stuck",
-        system.team.agent_ids,
-        failed,
-        fourth,
-        float(last["time"][-1]),
-        words,
-        commanded=commanded,
-        towards=towards,
-    )
+    numbers = {"commanded": commanded, "towards": towards}
+    ideal = _again(scenario, phases, progress, "ideal")
+    if ideal is not None:
+        numbers["left"] = _of_quarters(ideal)[3]
+        failed &= _is_nearer(numbers["left"], fourth)
+        words += ", and {left:.3g} m on ideal kinematics"
+    yield from _failing("stuck", system.team.agent_ids, failed, fourth, float(last["time"][-1]), words, **numbers)
 
 
 def _of_quarters(last: xr.Dataset) -> Array:
