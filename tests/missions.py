@@ -508,8 +508,7 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     less = max(0.5 * last.error, min(last.error - 1.0, APPROACHING * last.error))  # m, without what holds it up
     if last.error > MIN_STUCK_ERROR and corrected and _is_nearer(free, i, less, cuts[3]):
         return f"is held up by the safety filter, which changes {last.corrected:.2f} m/s, {tail}"
-    short = last.shortfall > MAX_SHORTFALL
-    if last.error > MIN_ERROR and short and not _is_nearer(mission, i, less, cuts[3], "ideal"):
+    if last.error > MIN_ERROR and last.shortfall > MAX_SHORTFALL and not _is_nearer(mission, i, less, cuts[3], "ideal"):
         last = replace(last, shortfall=0.0)  # the law itself leaves the error
     limited = last.limited > MAX_LIMITED and "safety" not in mission  # which needs a limit
     far = last.error > max(MIN_ERROR, third.error)
