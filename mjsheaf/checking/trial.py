@@ -481,7 +481,8 @@ def _without_headway(
     """Yield agents that move in another direction than commanded, or too little, and do not approach their places.
 
     Examples are boats that circle about their places, and drones whose commands jump faster than they can lean. One
-    more run, on ideal kinematics, shows how far off the law itself leaves them.
+    more run, on ideal kinematics, shows how far off the law itself leaves them; it excuses no one that makes next to
+    nothing of a steady command.
 
     Args:
         scenario: The scenario.
@@ -506,9 +507,9 @@ def _without_headway(
     size, along = np.linalg.norm(command, axis=2), (made * command).sum(axis=2)
     commanded, towards = size.mean(axis=0), (along / np.where(size > 0.0, size, 1.0)).mean(axis=0)
     idle = (towards < headway * commanded) & (fourth > idle_at[0]) & ~_are_approaching(quarters)
+    steady = np.linalg.norm(command.mean(axis=0), axis=1) > 0.5 * commanded
     for i in np.flatnonzero(idle & (fourth <= idle_at[1])).tolist():
-        one_sided = bool(authority_of(system.vehicles[i]).lacking)
-        idle[i] = one_sided and np.linalg.norm(command[:, i].mean(axis=0)) > 0.5 * commanded[i]
+        idle[i] = steady[i] and bool(authority_of(system.vehicles[i]).lacking)
     part = along.sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
     short = (part < share) & (fourth > off) & (fourth > nearer * third)
     failed = (commanded > least) & (idle | short)
@@ -521,8 +522,8 @@ def _without_headway(
     numbers = {"commanded": commanded, "towards": towards}
     ideal = _again(scenario, phases, progress, "ideal")
     if ideal is not None:
-        numbers["left"] = _of_quarters(ideal)[3]
-        failed &= _is_nearer(numbers["left"], fourth)
+        numbers["left"] = _of_quarters(ideal.sel(time=slice(None, last["time"][-1])))[3]
+        failed &= idle & steady | _is_nearer(numbers["left"], fourth)
         words += ", and {left:.3g} m on ideal kinematics"
     yield from _failing("stuck", system.team.agent_ids, failed, fourth, float(last["time"][-1]), words, **numbers)
 
