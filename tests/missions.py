@@ -604,7 +604,9 @@ def _swing(run: xr.Dataset, i: int, begin: float, end: float) -> float:
     swing, of_q_star, of_medium, of_speed = (
         float(np.sqrt((each**2).sum(axis=1).mean())) for each in (error, wanted, medium, speed)
     )
-    return swing if swing > 3.0 * of_q_star and of_medium < _CALM * of_speed else 0.0
+    main = error[:, error.var(axis=0).argmax()]
+    swings = (np.diff(np.sign(main)) != 0.0).sum() >= 3  # a way back has two
+    return swing if swings and swing > 3.0 * of_q_star and of_medium < _CALM * of_speed else 0.0
 
 
 def unforeseen_error(mission: Raw, record: Raw, run: xr.Dataset) -> str | None:

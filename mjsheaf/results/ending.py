@@ -92,6 +92,7 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
     shaken = any(isinstance(part, WITHOUT_MEAN) for part in system.moving)
+    shaken |= bool(system.planar.any()) and not system.flow_named("wind").is_steady  # air above hulls
     unknown = shaken or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any()
     if unknown or len(time) < _MIN_SAMPLES:
         return False

@@ -214,6 +214,20 @@ def test_a_mission_that_is_too_large_is_tried_in_part(monkeypatch: pytest.Monkey
     assert "20 s, the part that fits" in " ".join(screen(CheckRecord(**record), "lone"))
 
 
+def test_another_run_is_compared_over_the_same_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An ideal run would get as far as the event, which loses an agent."""
+    places = {"A": [5, 0], "B": [40, 0], "C": [0, 40]}
+    boats = {name: {"position": place, "vehicle": "otter_rudder"} for name, place in places.items()}
+    tide = {"water": {"dimension": 2, "tide": {"amplitude": 1.5, "period": 10.0}}}
+    law = {"controller": {"gain": 0.2, "control_period": 0.05}, "events": [{"time": 100, "lose": "B"}]}
+    target = {"T": {"position": [0.0, 0.0], "motion": STILL}}
+    fields = make_fields(
+        boats, target, [[name, "T"] for name in boats], name="cut", time={"end": 120}, flow=tide, **law
+    )
+    monkeypatch.setattr(trials, "MAX_VEHICLE_STEPS", 4 * 9600)
+    assert kinds(mjsheaf.load_scenario(fields | {"physics": {"timestep": 0.01}})) == {"stuck"}
+
+
 def test_thinning_changes_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = lone("otter", [0.0, 0.0], circling(4.0))
     whole = mjsheaf.check(scenario)["trial"]

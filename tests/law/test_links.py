@@ -61,12 +61,6 @@ def tangled(**fields: Any) -> Scenario:
     return mixed_scenario(**(wanted | fields))
 
 
-def true_measurements(scenario: Scenario, data: xr.Dataset) -> Array:
-    """Numbers of all edges of communication and sensing, shape (T, m)."""
-    team, x = scenario.team, positions_of(data)
-    return np.hstack([measurement(team, edge, x) for edge in (*team.communication, *team.sensing)])
-
-
 def attitudes(scenario: Scenario, data: xr.Dataset) -> list[Rotation]:
     """Body to world of every agent, T each: true on bodies, along the motion on ideal kinematics."""
     if "agent_orientation" in data:
@@ -292,7 +286,8 @@ def test_every_number_of_an_edge_has_noise_of_its_own(m: int) -> None:
     maps = {"tail": rng.normal(size=(m, 2)).tolist(), "head": rng.normal(size=(m, 2)).tolist()}
     twice = [{"between": ["A1", "A2"], "map": maps, "parallel": True} for _ in range(2)]
     scenario, data = still({"communication": {"noise": 0.3}}, end=20.0, communication=twice, formations=[])
-    truth = true_measurements(scenario, data)[:, : 2 * m]
+    team, x = scenario.team, positions_of(data)
+    truth = np.hstack([measurement(team, edge, x) for edge in (*team.communication, *team.sensing)])[:, : 2 * m]
     error = data["measurement"].values[:, : 2 * m] - truth
     n = len(error)
     assert (np.abs(error.var(axis=0) / 0.09 - 1) < 5 * np.sqrt(2 / n)).all()

@@ -10,10 +10,6 @@ from urllib.parse import parse_qs, urlsplit
 from websockets.sync.client import ClientConnection, connect
 
 
-def token_of(url: str) -> str:
-    return parse_qs(urlsplit(url).query)["token"][0]
-
-
 def get(url: str, path: str | None = None, **headers: str) -> tuple[int, dict[str, str], bytes]:
     """Ask for a page; `path` replaces that of the address. Returns status, headers and content."""
     address = urlsplit(url)
@@ -31,7 +27,8 @@ def joined(
     url: str, *, origin: str | None = "own", token: str | None = "own", **options: Any
 ) -> Iterator[ClientConnection]:
     address = urlsplit(url)
-    query = f"?token={token_of(url) if token == 'own' else token}" if token is not None else ""
+    own = parse_qs(address.query).get("token", [""])[0]
+    query = f"?token={own if token == 'own' else token}" if token is not None else ""
     given = f"http://{address.netloc}" if origin == "own" else origin
     uri = f"ws://{address.netloc}/live{query}"
     with connect(uri, origin=given, proxy=None, compression=None, **options) as socket:  # type: ignore[arg-type]
