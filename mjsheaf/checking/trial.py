@@ -543,14 +543,14 @@ def _are_approaching(quarters: Array, *, falls: float = 0.5**0.25) -> BoolArray:
     """Return which agents are on their first way to their places, shape (N,).
 
     Their mean error falls from each quarter of the phase to the next, and so fast at the end that less than half of it
-    is left after another run. The error of an agent that circles also falls, but not all the time.
+    is left after another run. The error of an agent that circles also falls, but not all the time, by 2 % at least.
 
     Args:
         quarters: Mean errors, m, shape (4, N); of agents that are absent, or of fewer samples than quarters, NaN.
         falls: Mean error of the last quarter over that of the third, below which it falls so fast.
     """
     first, second, third, fourth = quarters
-    return (first > second) & (second > third) & (fourth < falls * third)
+    return (0.98 * first > second) & (0.98 * second > third) & (fourth < falls * third)
 
 
 def _by_second(system: System, data: xr.Dataset) -> tuple[Array, Array]:

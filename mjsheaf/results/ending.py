@@ -46,7 +46,8 @@ STEADY = 0.95
 
 _MIN_SAMPLES = 8
 # A mode of the law passes on at most the motion of q* at each frequency, and a loop at 0.8 of its largest gain about
-# four times that. So q* does not explain an oscillation larger than this factor times its own about a straight line.
+# four times that. So q* does not explain an oscillation larger than this factor times its own. That of q* is counted
+# about a parabola: a target that slows down drives none. It takes at most a fifth from one of 1.5 periods a quarter.
 _MAX_OF_Q_STAR = 5.0
 # Noise of a standard deviation s moves a mode of the law by s sqrt(k h / (2 - k h lambda)) RMS, with lambda its
 # eigenvalue of H, for maps and weights of size 1. That is less than s, unless the gain is near its limit. So noise does
@@ -102,8 +103,8 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     disturbance = float(system.largest_disturbance[: len(system.team.agents)].max(initial=0.0))
     swing = _swing(quarter)
     places = _quarters(q_star)[-1]  # of the team, for any agent
-    squares = np.linalg.lstsq(np.vander(np.arange(len(places)), 2), places.reshape(len(places), -1))[1]
-    of_q_star = float(np.sqrt(squares.sum() / len(places)))  # about straight lines; 0 for two samples
+    squares = np.linalg.lstsq(np.vander(np.linspace(-1.0, 1.0, len(places)), 3), places.reshape(len(places), -1))[1]
+    of_q_star = float(np.sqrt(squares.sum() / len(places)))  # about parabolas; 0 for three samples
     explained = _MAX_OF_NOISE * noise, _MAX_OF_DISTURBANCE * disturbance * half_period / np.pi
     return swing > max(*explained, _MAX_OF_Q_STAR * of_q_star)
 
