@@ -439,7 +439,7 @@ def failure_of_run(mission: Raw, run: xr.Dataset | Exception) -> str | None:
     or an aircraft went below the surface; a safety distance was not kept; an agent is stuck, is held up by the safety
     filter, diverges, stays far off at its limits, or swings where q*, the medium and noise do not. An error that the
     law itself leaves, as it lags behind a moving target, is no failure unless it grows in a run three times as long.
-    Nor is one that hardly depends on the limit or filter at work, or that falls at the end as others come in.
+    Nor is one that hardly depends on the limit, filter or body at work, or that falls at the end as others come in.
     """
     if isinstance(run, Exception):
         return f"refused: {run}"
@@ -538,9 +538,9 @@ def _failure_of_agent(mission: Raw, run: xr.Dataset, i: int, begin: float) -> st
     return None
 
 
-def _is_nearer(free: Raw, i: int, error: float, begin: float, backend: str = "physics") -> bool:
-    """Return True if an agent's mean error in another run, from `begin`, s, on, is below `error`, m."""
-    run = mjsheaf.simulate(make_scenario(free), backend, progress=False)
+def _is_nearer(mission: Raw, i: int, error: float, begin: float, backend: str = "physics") -> bool:
+    """Return True if an agent's mean error in a mission, from `begin`, s, on, is below `error`, m, and the run ends."""
+    run = mjsheaf.simulate(make_scenario(mission), backend, progress=False)
     left = run["tracking_error"].isel(agent=i).sel(time=slice(begin, None)).mean()
     return run.attrs["status"] == "finished" and bool(left < error)
 

@@ -5,9 +5,10 @@ large angles, the safety filter, losses, gusts. It uses the fused engine, or MuJ
 scenario's seed. Its verdict is the same on every machine, because the part that is tried depends only on the number of
 vehicle-steps.
 
-One more run, without the safety filter or velocity limits, decides whether these hold up agents that are away; one on
-ideal kinematics, whether vehicles that make too little of their commands keep them away, or the law. One without noise,
-gusts, waves and disturbances decides whether these drive an oscillation, or only hide a limit cycle.
+If nothing else fails, further runs find causes. One without the safety filter, and one without velocity limits, decide
+whether these hold up agents that are away. One on ideal kinematics decides whether vehicles that make too little of
+their commands keep agents away, or the law does. One without noise, gusts, waves and disturbances decides whether these
+drive an oscillation, or only hide a limit cycle.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +22,6 @@ from pydantic import Field
 from mjsheaf.arrays import Array, BoolArray
 from mjsheaf.checking.loop.body_loop import ending_of_run
 from mjsheaf.checking.separation import TooClose, too_close_in
-from mjsheaf.compile.jit import as_records
 from mjsheaf.errors import InputError, NotUniqueError, RankError, with_verb
 from mjsheaf.loop.engine import samples_in_piece
 from mjsheaf.loop.session import engine_of, prepare_run
@@ -31,7 +31,6 @@ from mjsheaf.results.ending import (
     MIN_DURATION,
     MIN_SPEED,
     ROUNDING,
-    STEADY,
     Stuck,
     find_stuck,
     is_unexplained,
@@ -128,9 +127,10 @@ def try_mission(
     late = late_errors(phases[0].system.team, data)["tracking_error"]
     stuck = [one for one in find_stuck(phases, data) if one.at_end] if finished else []
     problems = list(_problems(scenario, phases, run, stuck))
-    if finished and not problems:
-        for rule in (_held_up, _without_headway, _circling_in_calm):
-            problems += rule(scenario, phases, data, progress)
+    if finished and all(one.kind == "expectation" for one in problems):
+        rules = (_held_up, _without_headway, _circling_in_calm)
+        found = (list(rule(scenario, phases, data, progress)) for rule in rules)
+        problems = [*next(filter(None, found), []), *problems]
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
     return TrialRecord(
@@ -200,7 +200,7 @@ def _run(
     initial: dict[tuple[str, ...], TooClose] = {}
     closest: dict[tuple[str, ...], TooClose] = {}
     with engine_of(phases, backend) as engine:
-        fitting = MAX_VEHICLE_STEPS // (len(system.team.members) * engine.steps_per_sample)
+        fitting = MAX_VEHICLE_STEPS // (len(system.team.members) * system.steps_per_sample)
         samples = min(end, max(fitting, 1) + 1)
         stride = -(-samples * len(system.team.agents) // _MAX_JUDGED)
         recorded = engine.record(min(samples_in_piece(system), samples))
@@ -271,7 +271,8 @@ def _problems(
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
     system, last = of_phase(phases, data, -1)
     yield from _diverging(system, last, _away(data.sel(agent=last["agent"]), behind=_FAR_BY))
-    yield from _circling(system, last, _in_limit_cycle(system, last), "neither noise nor disturbances explain it")
+    words = "neither the motion of q* nor noise nor the medium explains it"
+    yield from _circling(system, last, _in_limit_cycle(system, last, _FAR_BY), words)
     whole = phases[0].system
     if whole.waiting is not None:
         N = len(team.agents)
@@ -406,7 +407,8 @@ def _held_up(
         data: The run.
         progress: Called with the samples done and the number of samples.
         least: Mean change of commands in the last quarter, up to which the filter does not hold an agent up, m/s.
-        share: That change over the mean speed that is left of the commands, up to which it does not, either.
+        share: That change over the mean speed that is left of the commands, without the part against wind, up to which
+            it does not, either.
         mostly: Fraction of the last quarter at the velocity limit, up to which the limit does not hold an agent up.
         far_at_limit: Mean error in the last quarter up to which a velocity limit does not count, m.
         level: That error over the mean one of the quarter before, up to which a limit does not count, either.
@@ -433,7 +435,7 @@ def _held_up(
             continue
         words = "held up: {name} is {number:.3g} m off in the last quarter, up to t = {time:.6g} s, "
         free = [replace(phase, system=replace(phase.system, **without)) for phase in phases]
-        other = _again(scenario, free, data, progress)
+        other = _again(scenario, free, progress)
         if other is not None:
             left = _of_quarters(other)[3]
             words += f"and {{left:.3g}} m without {cause}"
@@ -447,25 +449,22 @@ def _held_up(
 
 
 def _is_nearer(left: Array, off: Array) -> BoolArray:
-    """Return which mean errors are smaller in another run than in the trial: by 15 %, and by a metre or half, (N,)."""
+    """Return which mean errors are smaller in another run: by 15 %, and by a metre or half (the smaller), (N,)."""
     return off - left > np.maximum(0.15 * off, np.minimum(_FAR_BY, 0.5 * off))
 
 
 def _again(
     scenario: Scenario,
     phases: Sequence[Phase],
-    data: xr.Dataset,
     progress: Callable[[int, int], None] | None,
     backend: str = "physics",
 ) -> xr.Dataset | None:
-    """Run a mission once more, as far as `data`; return the data of the last phase, or None if the run fails."""
+    """Run a mission once more; return the data of the last phase, or None if the run fails."""
     try:
-        other = _run(scenario, phases, progress, backend).data
+        data = _run(scenario, phases, progress, backend).data
     except InputError:  # of a registered term
         return None
-    if other.attrs["status"] != "finished":
-        return None
-    return of_phase(phases, other.sel(time=slice(None, data["time"][-1])), -1)[1]
+    return of_phase(phases, data, -1)[1] if data.attrs["status"] == "finished" else None
 
 
 def _without_headway(
@@ -475,8 +474,10 @@ def _without_headway(
     progress: Callable[[int, int], None] | None,
     *,
     least: float = 0.1,
-    idle_at: tuple[float, float] = (1.5, 2.0),
+    off_lacking: float = 1.5,
+    off_idle: float = 2.0,
     headway: float = 0.2,
+    steadiness: float = 0.5,
     share: float = 0.8,
     off: float = 2.8,
     nearer: float = 0.98,
@@ -494,9 +495,11 @@ def _without_headway(
         data: The run.
         progress: Called with the samples done and the number of samples.
         least: Commanded speed below which an agent counts as commanded to stay, m/s.
-        idle_at: Mean error in the last quarter above which too little headway counts, m: of a vehicle that lacks
-            directions and whose mean command is more than half of their mean size, and of any other.
+        off_lacking: Mean error in the last quarter above which too little headway counts for a vehicle that lacks
+            directions and has a steady command, m.
+        off_idle: The same for any other, m.
         headway: Least fraction of the commanded speed that an agent must reach in its direction.
+        steadiness: Size of the mean command over the mean size of commands, above which these are steady.
         share: Least fraction of its commanded velocity that an agent must reach, if it is away.
         off: Mean error in the last quarter above which it is, m.
         nearer: That error over the mean one of the quarter before, up to which an agent approaches its place.
@@ -511,9 +514,9 @@ def _without_headway(
     command, made = _by_second(system, end)
     size, along = np.linalg.norm(command, axis=2), (made * command).sum(axis=2)
     commanded, towards = size.mean(axis=0), (along / np.where(size > 0.0, size, 1.0)).mean(axis=0)
-    idle = (towards < headway * commanded) & (fourth > idle_at[0]) & ~_are_approaching(quarters)
-    steady = np.linalg.norm(command.mean(axis=0), axis=1) > 0.5 * commanded
-    for i in np.flatnonzero(idle & (fourth <= idle_at[1])).tolist():
+    idle = (towards < headway * commanded) & (fourth > off_lacking) & ~_are_approaching(quarters)
+    steady = np.linalg.norm(command.mean(axis=0), axis=1) > steadiness * commanded
+    for i in np.flatnonzero(idle & (fourth <= off_idle)).tolist():
         idle[i] = steady[i] and bool(authority_of(system.vehicles[i]).lacking)
     part = along.sum(axis=0) / np.maximum((size**2).sum(axis=0), ROUNDING)
     short = (part < share) & (fourth > off) & (fourth > nearer * third)
@@ -525,11 +528,13 @@ def _without_headway(
         "off to the end at t = {time:.6g} s"
     )
     numbers = {"commanded": commanded, "towards": towards}
-    ideal = _again(scenario, phases, data, progress, "ideal")
-    if ideal is not None:
+    ideal = _again(scenario, phases, progress, "ideal")
+    if ideal is None:
+        words += "; on ideal kinematics the run fails"
+    else:
         left = numbers["left"] = _of_quarters(ideal)[3]
         failed &= idle & steady | _is_nearer(left, fourth) | (left > much * fourth)
-        words += ", and {left:.3g} m on ideal kinematics"
+        words += "; on ideal kinematics it is {left:.3g} m off"
     yield from _failing("stuck", system.team.agent_ids, failed, fourth, float(last["time"][-1]), words, **numbers)
 
 
@@ -539,18 +544,19 @@ def _of_quarters(last: xr.Dataset) -> Array:
     return np.array([errors.isel(time=part).mean("time") for part in np.array_split(np.arange(len(errors)), 4)])
 
 
-def _are_approaching(quarters: Array, *, falls: float = 0.5**0.25) -> BoolArray:
+def _are_approaching(quarters: Array, *, falls: float = 0.5**0.25, before: float = 0.98) -> BoolArray:
     """Return which agents are on their first way to their places, shape (N,).
 
     Their mean error falls from each quarter of the phase to the next, and so fast at the end that less than half of it
-    is left after another run. The error of an agent that circles also falls, but not all the time, by 2 % at least.
+    is left after another run. That of an agent that circles may fall too, but not in every quarter.
 
     Args:
         quarters: Mean errors, m, shape (4, N); of agents that are absent, or of fewer samples than quarters, NaN.
         falls: Mean error of the last quarter over that of the third, below which it falls so fast.
+        before: The same ratio of the quarters before, below which it falls.
     """
     first, second, third, fourth = quarters
-    return (0.98 * first > second) & (0.98 * second > third) & (fourth < falls * third)
+    return (second < before * first) & (third < before * second) & (fourth < falls * third)
 
 
 def _by_second(system: System, data: xr.Dataset) -> tuple[Array, Array]:
@@ -571,26 +577,32 @@ def _by_second(system: System, data: xr.Dataset) -> tuple[Array, Array]:
         np.concatenate([np.broadcast_to(values[block].mean(axis=0), values[block].shape) for block in blocks])
         for values in (np.nan_to_num(data["velocity_command"].values), np.nan_to_num(through))
     )
-    return command + system.drift_in_wind(-made.mean(axis=0)), made
+    return command + np.nan_to_num(system.drift_in_wind(-made.mean(axis=0))), made
 
 
-def _in_limit_cycle(system: System, last: xr.Dataset, least: float = _FAR_BY, ratio: float = STEADY) -> BoolArray:
-    """Return which agents oscillate at the end of a phase, and nothing explains it; see `undecayed_swing`."""
-    q_star, positions = (np.nan_to_num(last[name].values) for name in ("harmonic_extension", "agent_position"))
-    each = np.moveaxis(q_star - positions, 1, 0)[:, :, None]
-    time = last["time"].values
+def _offsets(last: xr.Dataset) -> Array:
+    """Return the offset of each agent from q*, as a team of one, shape (N, T, 1, 3), m."""
+    return np.moveaxis(np.nan_to_num((last["harmonic_extension"] - last["agent_position"]).values), 1, 0)[:, :, None]
+
+
+def _in_limit_cycle(system: System, last: xr.Dataset, *limits: float) -> BoolArray:
+    """Return which agents oscillate to the end of a phase, and nothing explains it; limits of `undecayed_swing`."""
+    time, q_star = last["time"].values, np.nan_to_num(last["harmonic_extension"].values)
     return np.array(
-        [undecayed_swing(own, least, ratio) is not None and is_unexplained(system, time, q_star, own) for own in each]
+        [
+            undecayed_swing(own, *limits) is not None and is_unexplained(system, time, q_star, own)
+            for own in _offsets(last)
+        ]
     )
 
 
-def _circling(system: System, last: xr.Dataset, failed: BoolArray, why: str) -> Iterator[TrialProblem]:
-    """Yield agents in a limit cycle, for which `failed` is true, with the end of the sentence."""
-    offsets = np.nan_to_num((last["harmonic_extension"] - last["agent_position"]).values)
-    swing = np.array([swing_at_end(own[:, None]) for own in np.moveaxis(offsets, 1, 0)])
-    end = float(last["time"][-1])
+def _circling(
+    system: System, last: xr.Dataset, failed: BoolArray, why: str, **numbers: Array
+) -> Iterator[TrialProblem]:
+    """Yield agents in a limit cycle, for which `failed` is true, with the end of the sentence and its numbers."""
+    swing = np.array([swing_at_end(own) for own in _offsets(last)])
     words = "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and " + why
-    yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, end, words)
+    yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(last["time"][-1]), words, **numbers)
 
 
 def _circling_in_calm(
@@ -613,18 +625,20 @@ def _circling_in_calm(
     calm = [replace(phase, system=_calm(phase.system)) for phase in phases]
     system, last = of_phase(calm, data, -1)
     failed = _in_limit_cycle(system, last, least, 0.0)  # noise may decay by chance
-    other = _again(scenario, calm, data, progress) if failed.any() else None
+    other = _again(scenario, calm, progress) if failed.any() else None
     if other is not None:
-        failed &= _in_limit_cycle(system, other)
-        yield from _circling(system, last, failed, "it does so without noise, gusts, waves and disturbances, too")
+        failed &= _in_limit_cycle(system, other, _FAR_BY)
+        calmly = np.array([swing_at_end(own) for own in _offsets(other)])
+        words = "by {calmly:.3g} m without noise, gusts, waves and disturbances"
+        yield from _circling(system, last, failed, words, calmly=calmly)
 
 
 def _calm(system: System) -> System:
-    """Return a system without noise of links and odometry, gusts, waves and disturbances."""
+    """Return a system without noise of links and odometry, gusts, waves and disturbances; all else stays."""
     law, table = system.law, system.law.links.table.copy()
     for name in ("noise", "range_noise", "bearing_noise"):
         table[name] = 0.0
-    law = law._replace(links=law.links._replace(table=as_records(table)), terms=law.terms._replace(noise=0.0))
+    law = law._replace(links=law.links._replace(table=table), terms=law.terms._replace(noise=0.0))
     flows = [flow.model_copy(update={"gusts": None, "waves": None}) for flow in system.flows]
     return replace(system, law=law, flows=flows, harmonics=np.zeros_like(system.harmonics))
 

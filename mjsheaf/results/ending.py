@@ -9,7 +9,7 @@ agents of |q*_i - q_i|, over the last quarters of a run:
                  is commanded to move does not, to the end (see below)
 
 Targets that move, disturbances, gusts, waves and noise drive a team. The errors then show an unstable loop only where
-the team oscillates by more than bounded disturbances and the noise of its links explain. So
+the team oscillates by more than the motion of q*, bounded changes of the medium and the noise of its links explain. So
 `checking.loop.body_loop.ending_of_run` also analyses the loop of its vehicles.
 
 An agent is stuck while, for MIN_DURATION or longer, in every second,
@@ -41,13 +41,13 @@ Ending = Literal["settled", "not settled", "diverging"]
 
 ROUNDING = 1e-9
 """Largest errors, and oscillations of them, that count as rounding, m."""
-STEADY = 0.95
-"""Amplitude of an oscillation in the last quarter over that of the quarter before, below which it decays."""
+_MIN_UNDECAYED = 0.95  # amplitude of an oscillation in a quarter over that of the quarter before; below, it decays
 
 _MIN_SAMPLES = 8
 # A mode of the law passes on at most the motion of q* at each frequency, and a loop at 0.8 of its largest gain about
 # four times that. So q* does not explain an oscillation larger than this factor times its own. That of q* is counted
-# about a parabola: a target that slows down drives none. It takes at most a fifth from one of 1.5 periods a quarter.
+# about a parabola: a target that slows down drives none. That takes at most a fifth from 1.5 periods a quarter, and
+# fewer hardly count as an oscillation.
 _MAX_OF_Q_STAR = 5.0
 # Noise of a standard deviation s moves a mode of the law by s sqrt(k h / (2 - k h lambda)) RMS, with lambda its
 # eigenvalue of H, for maps and weights of size 1. That is less than s, unless the gain is near its limit. So noise does
@@ -80,7 +80,7 @@ def ending_of_motion(
 
 
 def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -> bool:
-    """Return True if neither noise nor disturbances explain the motion of agents about q* over the last quarter.
+    """Return True if neither q*, noise nor the medium explains the motion of agents about q* over the last quarter.
 
     False also if something acts on them whose effect is not known, or for fewer than 8 samples.
 
@@ -92,9 +92,9 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     """
     links = system.law.links.table
     angles = any(edge.measures == "bearing" for edge in system.team.measuring_edges) and links["noise"].any()
-    shaken = any(isinstance(part, WITHOUT_MEAN) for part in system.moving)
-    shaken |= bool(system.planar.any()) and not system.flow_named("wind").is_steady  # air above hulls
-    unknown = shaken or system.law.terms.noise > 0.0 or angles or links["bearing_noise"].any()
+    unknown = angles or links["bearing_noise"].any() or system.law.terms.noise > 0.0
+    unknown |= any(isinstance(part, WITHOUT_MEAN) for part in system.moving)
+    unknown |= system.planar[: len(system.team.agents)].any() and not system.flow_named("wind").is_steady  # over hulls
     if unknown or len(time) < _MIN_SAMPLES:
         return False
     noise = float(max(links["noise"].max(initial=0.0), links["range_noise"].max(initial=0.0)))
@@ -104,7 +104,7 @@ def is_unexplained(system: System, time: Array, q_star: Array, offsets: Array) -
     swing = _swing(quarter)
     places = _quarters(q_star)[-1]  # of the team, for any agent
     squares = np.linalg.lstsq(np.vander(np.linspace(-1.0, 1.0, len(places)), 3), places.reshape(len(places), -1))[1]
-    of_q_star = float(np.sqrt(squares.sum() / len(places)))  # about parabolas; 0 for three samples
+    of_q_star = float(np.sqrt(squares.sum() / len(places)))  # about parabolas; 0 for up to three samples
     explained = _MAX_OF_NOISE * noise, _MAX_OF_DISTURBANCE * disturbance * half_period / np.pi
     return swing > max(*explained, _MAX_OF_Q_STAR * of_q_star)
 
@@ -121,7 +121,7 @@ def judge(error: Array, offsets: Array | None = None) -> Ending | None:
     # A fainter oscillation than a ten-thousandth of the range of the error does not count.
     swing = None if offsets is None else undecayed_swing(offsets, max(1e-4 * float(np.ptp(error)), ROUNDING))
     if swing is not None:
-        return "not settled" if swing <= 1.0 / STEADY else "diverging"
+        return "not settled" if swing <= 2.0 - _MIN_UNDECAYED else "diverging"
     if is_level(error):
         return "settled"
     first, before, last = (_mean(quarter)[0] for quarter in _quarters(error))
@@ -129,15 +129,15 @@ def judge(error: Array, offsets: Array | None = None) -> Ending | None:
     return "diverging" if before > first and last - before > 0.9 * (before - first) else "not settled"
 
 
-def undecayed_swing(offsets: Array, least: float, decay: float = STEADY) -> float | None:
+def undecayed_swing(offsets: Array, least: float, min_ratio: float = _MIN_UNDECAYED) -> float | None:
     """Return the amplitude of an oscillation in the last quarter over that in the quarter before.
 
-    None if offsets (T, N, 3), m, do not oscillate at the end by more than `least`, m, or if the ratio is below `decay`.
+    None if offsets (T, N, 3), m, do not oscillate at the end by more than `least`, m, or if the ratio is less.
     """
     third, fourth = _quarters(offsets)[-2:]
     ratio = _swing(fourth) / max(_swing(third), 1e-300)
     oscillates = _swing(fourth) > least and _reversals(fourth) >= 3  # fewer may be a drift
-    return ratio if oscillates and ratio >= decay else None
+    return ratio if oscillates and ratio >= min_ratio else None
 
 
 def _is_judgeable(error: Array) -> bool:

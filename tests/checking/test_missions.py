@@ -197,9 +197,9 @@ def test_the_oracle_tells_growth_from_a_rise_that_something_drives(error, turn, 
     [
         (7, True),
         (70, False),
-        # A limit of speed that is at work half of the time, for nothing, and a filter for little; a rotor at its limit
-        # in noise, boats that settle, a lag that builds up, agents that others draw off their places; and missions that
-        # fail in ways of their own, one of them a limit cycle that noise hides.
+        # A velocity limit that acts half of the time and costs nothing (1010263), a filter that costs little (110220),
+        # rotors at their limits in noise, boats that settle, a lag that builds up, an agent that others draw off its
+        # place; and missions that fail in ways of their own, such as a limit cycle that noise hides (140188).
         *(
             pytest.param(seed, ok, marks=pytest.mark.slow)
             for ok, seeds in [
