@@ -478,7 +478,7 @@ def _without_headway(
     off_idle: float = 2.0,
     headway: float = 0.2,
     steadiness: float = 0.5,
-    share: float = 0.8,
+    share: float = 0.75,
     off: float = 2.8,
     nearer: float = 0.98,
     much: float = 1.5,
