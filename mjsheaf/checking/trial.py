@@ -13,6 +13,7 @@ drive an oscillation, or only hide a limit cycle.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -126,10 +127,9 @@ def try_mission(
     finished = data.attrs["status"] == "finished"
     late = late_errors(phases[0].system.team, data)["tracking_error"]
     stuck = [one for one in find_stuck(phases, data) if one.at_end] if finished else []
-    problems = list(_problems(scenario, phases, run, stuck))
+    problems = list(_problems(run, stuck))
     if finished and all(one.kind == "expectation" for one in problems):
-        rules = (_held_up, _without_headway, _circling_in_calm)
-        found = (list(rule(scenario, phases, data, progress)) for rule in rules)
+        found = (list(rule(run)) for rule in (_held_up, _without_headway, _circling_in_calm))
         problems = [*next(filter(None, found), []), *problems]
     if finished and not problems and run.complete and late is not None:
         problems += _far_off(phases, data, late, foreseen)
@@ -174,16 +174,33 @@ class _Run(NamedTuple):
     """A run in memory.
 
     Attributes:
+        scenario: The scenario.
+        phases: Its phases.
+        progress: Called with the samples done and the number of samples.
         data: The variables that are judged, at samples that may be thinned.
         complete: True if the run reaches the end of the mission, or blew up before it.
         initial: Pairs that are too close at the first sample.
         closest: Pairs that are too close at some sample, each when it is closest.
     """
 
+    scenario: Scenario
+    phases: Sequence[Phase]
+    progress: Callable[[int, int], None] | None
     data: xr.Dataset
     complete: bool
     initial: Mapping[tuple[str, ...], TooClose]
     closest: Mapping[tuple[str, ...], TooClose]
+
+    def again(
+        self, change: Callable[[System], System] = lambda system: system, backend: str = "physics"
+    ) -> xr.Dataset | None:
+        """Run it once more, with changed systems; return the data of the last phase, or None if the run fails."""
+        phases = [replace(phase, system=change(phase.system)) for phase in self.phases]
+        try:
+            data = _run(self.scenario, phases, self.progress, backend).data
+        except InputError:  # of a registered term
+            return None
+        return of_phase(phases, data, -1)[1] if data.attrs["status"] == "finished" else None
 
 
 def _run(
@@ -220,12 +237,11 @@ def _run(
             if done == samples:
                 break
     data = join(part for part in parts if part.sizes["time"])
-    return _Run(data, samples == end or data.attrs["status"] != "finished", initial, closest)
+    complete = samples == end or data.attrs["status"] != "finished"
+    return _Run(scenario, phases, progress, data, complete, initial, closest)
 
 
 def _problems(
-    scenario: Scenario,
-    phases: Sequence[Phase],
     run: _Run,
     resting: Sequence[Stuck],
     *,
@@ -235,16 +251,13 @@ def _problems(
     """Yield why a run fails, the most important first.
 
     Args:
-        scenario: The scenario.
-        phases: Its phases.
-        run: The run.
+        run: The trial.
         resting: Agents that do not move at its end.
         closer: A pair fails if its shortfall in distance exceeds this times its shortfall at the start.
         rounding: Error of distances, m.
     """
-    data = run.data
-    team = phases[0].system.team
-    end = float(data["time"][-1])
+    data, whole = run.data, run.phases[0].system
+    team, end = whole.team, float(data["time"][-1])
     if data.attrs["status"] != "finished":
         yield TrialProblem(kind="blow_up", text=data.attrs["message"], time=end)
         return
@@ -269,11 +282,9 @@ def _problems(
             f"end, {stuck[0].error:.3g} m off: {stuck[0].reason}"
         )
         yield TrialProblem(kind="stuck", text=text, agent=first, time=stuck[0].start, number=stuck[0].error)
-    system, last = of_phase(phases, data, -1)
+    system, last = of_phase(run.phases, data, -1)
     yield from _diverging(system, last, _away(data.sel(agent=last["agent"]), behind=_FAR_BY))
-    words = "neither the motion of q* nor noise nor the medium explains it"
-    yield from _circling(system, last, _in_limit_cycle(system, last, _FAR_BY), words)
-    whole = phases[0].system
+    yield from _circling(system, last, _in_limit_cycle(system, last, _FAR_BY))
     if whole.waiting is not None:
         N = len(team.agents)
         places = np.nan_to_num(data["target_position"].values[-1])
@@ -289,9 +300,9 @@ def _problems(
     since = float(data["time"][int((depth[:, deepest.argmax()] > _DEPTH).argmax())])
     words = "below the surface, from t = {time:.6g} s on: {name} by up to {number:.3g} m"
     yield from _failing("fallen", team.agent_ids, deepest > _DEPTH, deepest, since, words)
-    if run.complete and scenario.expect.controller is None:
+    if run.complete and run.scenario.expect.controller is None:
         final, own = summarize(team, data), summarize_phases(team, data)
-        for check in check_expectation(scenario.expect, "physics", "finished", final, own, safety)["checks"]:
+        for check in check_expectation(run.scenario.expect, "physics", "finished", final, own, safety)["checks"]:
             if not check["met"] and check["measure"] != "refused":
                 value = "none" if check["found"] is None else f"{check['found']:.4g} m"
                 text = f"expect.physics.{check['measure']} is {value} at t = {end:.6g} s, bound {check['bound']:g} m"
@@ -384,10 +395,7 @@ def _diverging(
 
 
 def _held_up(
-    scenario: Scenario,
-    phases: Sequence[Phase],
-    data: xr.Dataset,
-    progress: Callable[[int, int], None] | None,
+    run: _Run,
     *,
     least: float = 0.1,
     share: float = 0.2,
@@ -402,10 +410,7 @@ def _held_up(
     shows how far off the agent is then.
 
     Args:
-        scenario: The scenario.
-        phases: Its phases.
-        data: The run.
-        progress: Called with the samples done and the number of samples.
+        run: The trial.
         least: Mean change of commands in the last quarter, up to which the filter does not hold an agent up, m/s.
         share: That change over the mean speed that is left of the commands, without the part against wind, up to which
             it does not, either.
@@ -414,7 +419,7 @@ def _held_up(
         level: That error over the mean one of the quarter before, up to which a limit does not count, either.
         far_filtered: Mean error in the last quarter up to which the filter does not count, m.
     """
-    system, last = of_phase(phases, data, -1)
+    system, last = of_phase(run.phases, run.data, -1)
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
     quarters = _of_quarters(last)
@@ -434,8 +439,7 @@ def _held_up(
         if not held.any():
             continue
         words = "held up: {name} is {number:.3g} m off in the last quarter, up to t = {time:.6g} s, "
-        free = [replace(phase, system=replace(phase.system, **without)) for phase in phases]
-        other = _again(scenario, free, progress)
+        other = run.again(partial(replace, **without))
         if other is not None:
             left = _of_quarters(other)[3]
             words += f"and {{left:.3g}} m without {cause}"
@@ -453,25 +457,8 @@ def _is_nearer(left: Array, off: Array) -> BoolArray:
     return off - left > np.maximum(0.15 * off, np.minimum(_FAR_BY, 0.5 * off))
 
 
-def _again(
-    scenario: Scenario,
-    phases: Sequence[Phase],
-    progress: Callable[[int, int], None] | None,
-    backend: str = "physics",
-) -> xr.Dataset | None:
-    """Run a mission once more; return the data of the last phase, or None if the run fails."""
-    try:
-        data = _run(scenario, phases, progress, backend).data
-    except InputError:  # of a registered term
-        return None
-    return of_phase(phases, data, -1)[1] if data.attrs["status"] == "finished" else None
-
-
 def _without_headway(
-    scenario: Scenario,
-    phases: Sequence[Phase],
-    data: xr.Dataset,
-    progress: Callable[[int, int], None] | None,
+    run: _Run,
     *,
     least: float = 0.1,
     off_lacking: float = 1.5,
@@ -490,10 +477,7 @@ def _without_headway(
     nothing of a steady command.
 
     Args:
-        scenario: The scenario.
-        phases: Its phases.
-        data: The run.
-        progress: Called with the samples done and the number of samples.
+        run: The trial.
         least: Commanded speed below which an agent counts as commanded to stay, m/s.
         off_lacking: Mean error in the last quarter above which too little headway counts for a vehicle that lacks
             directions and has a steady command, m.
@@ -505,7 +489,7 @@ def _without_headway(
         nearer: That error over the mean one of the quarter before, up to which an agent approaches its place.
         much: The ideal error over that on bodies, above which the law itself fails, which excuses no one.
     """
-    system, last = of_phase(phases, data, -1)
+    system, last = of_phase(run.phases, run.data, -1)
     if last.sizes["time"] < _MIN_SAMPLES or last["time"][-1] - last["time"][0] < 4.0 * MIN_DURATION:
         return
     quarters = _of_quarters(last)
@@ -528,7 +512,7 @@ def _without_headway(
         "off to the end at t = {time:.6g} s"
     )
     numbers = {"commanded": commanded, "towards": towards}
-    ideal = _again(scenario, phases, progress, "ideal")
+    ideal = run.again(backend="ideal")
     if ideal is None:
         words += "; on ideal kinematics the run fails"
     else:
@@ -597,40 +581,37 @@ def _in_limit_cycle(system: System, last: xr.Dataset, *limits: float) -> BoolArr
 
 
 def _circling(
-    system: System, last: xr.Dataset, failed: BoolArray, why: str, **numbers: Array
+    system: System,
+    last: xr.Dataset,
+    failed: BoolArray,
+    why: str = "neither the motion of q* nor noise nor the medium explains it",
+    **numbers: Array,
 ) -> Iterator[TrialProblem]:
-    """Yield agents in a limit cycle, for which `failed` is true, with the end of the sentence and its numbers."""
+    """Yield the agents of `failed`, which are in a limit cycle, with the end of the sentence and its numbers."""
     swing = np.array([swing_at_end(own) for own in _offsets(last)])
     words = "in a limit cycle: {name} oscillates by {number:.3g} m RMS to the end at t = {time:.6g} s, and " + why
     yield from _failing("limit_cycle", system.team.agent_ids, failed, swing, float(last["time"][-1]), words, **numbers)
 
 
 def _circling_in_calm(
-    scenario: Scenario,
-    phases: Sequence[Phase],
-    data: xr.Dataset,
-    progress: Callable[[int, int], None] | None,
+    run: _Run,
     *,
     least: float = 1.5,
 ) -> Iterator[TrialProblem]:
     """Yield agents in a limit cycle that noise or the medium could explain, if it is there without these.
 
     Args:
-        scenario: The scenario.
-        phases: Its phases.
-        data: The run.
-        progress: Called with the samples done and the number of samples.
+        run: The trial.
         least: Oscillations of the run that count, m RMS.
     """
-    calm = [replace(phase, system=_calm(phase.system)) for phase in phases]
-    system, last = of_phase(calm, data, -1)
-    failed = _in_limit_cycle(system, last, least, 0.0)  # noise may decay by chance
-    other = _again(scenario, calm, progress) if failed.any() else None
+    system, last = of_phase(run.phases, run.data, -1)
+    calm = _calm(system)
+    failed = _in_limit_cycle(calm, last, least, 0.0)  # a swing in noise may decay by chance
+    other = run.again(_calm) if failed.any() else None
     if other is not None:
-        failed &= _in_limit_cycle(system, other, _FAR_BY)
-        calmly = np.array([swing_at_end(own) for own in _offsets(other)])
-        words = "by {calmly:.3g} m without noise, gusts, waves and disturbances"
-        yield from _circling(system, last, failed, words, calmly=calmly)
+        failed &= _in_limit_cycle(calm, other, _FAR_BY)
+        why = "by {calmly:.3g} m without noise, gusts, waves and disturbances"
+        yield from _circling(system, last, failed, why, calmly=np.array([swing_at_end(own) for own in _offsets(other)]))
 
 
 def _calm(system: System) -> System:
